@@ -37,6 +37,21 @@ class Box:
             min(int(y + reach) + 2, within.bottom),
         )
 
+    def widened(self, around: int, picture: NDArray[np.uint8]) -> Box:
+        """Return the box with so many pixels more on each side, cut where it leaves a picture."""
+        height, width = picture.shape[:2]
+        return Box(
+            max(self.left - around, 0),
+            max(self.top - around, 0),
+            min(self.right + around, width),
+            min(self.bottom + around, height),
+        )
+
+    def inside(self, other: Box) -> Box:
+        """Return the box as seen from the corner of another one."""
+        left, top = other.left, other.top
+        return Box(self.left - left, self.top - top, self.right - left, self.bottom - top)
+
     @property
     def slices(self) -> tuple[slice, slice]:
         """Rows and columns."""

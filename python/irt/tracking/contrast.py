@@ -59,16 +59,9 @@ class Contrast:
     def evened(self, picture: Picture, box: Box) -> Picture:
         """Return a box of a picture (h, w, 3) with more contrast."""
         around = int(np.ceil(3.0 * self._blur))
-        height, width = picture.shape[:2]
-        large = Box(
-            max(box.left - around, 0),
-            max(box.top - around, 0),
-            min(box.right + around, width),
-            min(box.bottom + around, height),
-        )
+        large = box.widened(around, picture)
         part = picture[large.slices] if self._light is None else self._light.evened(picture, large)
         smooth = opencv().GaussianBlur(part.astype(np.float32), (0, 0), self._blur)
-        top, left = box.top - large.top, box.left - large.left
-        cut = smooth[top : top + box.bottom - box.top, left : left + box.right - box.left]
+        cut = smooth[box.inside(large).slices]
         stretched = np.float32(self.gain) * (cut - self._board) + np.float32(MIDDLE)
         return np.asarray(np.clip(np.rint(stretched), 0, 255), dtype=np.uint8)

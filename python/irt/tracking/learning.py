@@ -106,12 +106,12 @@ def learn(
     expected = geometry.radius_at(((box.left + box.right) / 2.0, (box.top + box.bottom) / 2.0))
     even: Light | None = None
     given = pictures
-    asked, told = clue or Clue(), empty is not None
+    asked, has_empty = clue or Clue(), empty is not None
     if not is_steady(pictures, Light(without, expected), box):
-        pictures, without, even = _evened(pictures, without, expected, known=told)
+        pictures, without, even = _evened(pictures, without, expected, known=has_empty)
     light: Light | Contrast | None = even
     try:
-        learned = _learned(pictures, without, box, geometry, asked, told=told)
+        learned = _learned(pictures, without, box, geometry, asked, has_empty=has_empty)
     except NoMarbleError:
         contrast = Contrast(without, box, expected, even)
         if asked.colour is not None or contrast.gain < WORTHWHILE:
@@ -122,7 +122,7 @@ def learn(
         bare = contrast.evened(without, whole)
         enlarged: Learned | None = None
         with suppress(IrtError):
-            enlarged = _learned(more, bare, box, geometry, asked, told=told, plain=plain)
+            enlarged = _learned(more, bare, box, geometry, asked, has_empty=has_empty, plain=plain)
         if enlarged is None:
             raise
         learned, light = enlarged, contrast
@@ -162,7 +162,7 @@ def _learned(
     geometry: Geometry,
     clue: Clue,
     *,
-    told: bool,
+    has_empty: bool,
     plain: _Plain | None = None,
 ) -> Learned:
     """Return what is learned from pictures in the usual light; `plain` if these have more contrast."""
@@ -170,11 +170,11 @@ def _learned(
     blank = Finder(without, _any(), radius, _noise(pictures, without, box), box)
     known = blank
     if clue.places or clue.colour:
-        known = replace(blank, colours=_told(pictures, clue, radius, box))
+        known = replace(blank, colours=_given(pictures, clue, radius, box))
     if known is blank or (clue.places and len(_discs(pictures, known)) < FEWEST):
         # A marble whose colours are the board's is found by what moves beside the place that was given. A
         # disc or two of these colours may be anything.
-        known = _moving(pictures, scale_of(geometry, blank.middle), blank, told=told)
+        known = _moving(pictures, scale_of(geometry, blank.middle), blank, has_empty=has_empty)
     return _refined(
         pictures, known, geometry, clue, plain or _Plain(pictures, without, blank.noise, 0.0, SHADOW)
     )
@@ -228,12 +228,12 @@ def _any() -> ColourModel:
     return ColourModel(np.full(32768, 255, np.uint8))
 
 
-def _moving(pictures: Sequence[Picture], scale: Scale, blank: Finder, *, told: bool) -> Finder:
-    """Return what is learned from what moves, or is not on the empty board that somebody has told."""
+def _moving(pictures: Sequence[Picture], scale: Scale, blank: Finder, *, has_empty: bool) -> Finder:
+    """Return what is learned from what moves, or is not on the empty board that was given."""
     for size in SIZES:
         tried = replace(blank, radius=size * blank.radius)
         found = [one for index, picture in enumerate(pictures) for one in _candidates(index, picture, tried)]
-        marble = largest_group(found, rests=0.1 if told else 0.0)
+        marble = largest_group(found, rests=0.1 if has_empty else 0.0)
         places = {one.picture for one in marble}
         if len(places) >= FEWEST:
             break
@@ -332,8 +332,8 @@ def _colours(pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], box:
     return ColourModel.learned(np.concatenate(own), np.concatenate(others))
 
 
-def _told(pictures: Sequence[Picture], clue: Clue, radius: float, box: Box) -> ColourModel:
-    """Return the colours that a user has told of."""
+def _given(pictures: Sequence[Picture], clue: Clue, radius: float, box: Box) -> ColourModel:
+    """Return the colours that a user has given."""
     first = pictures[0]
     if clue.colour is not None:
         own = shades_of(clue.colour)

@@ -68,17 +68,8 @@ class Light:
     def evened(self, picture: Picture, box: Box) -> Picture:
         """Return a box of a picture (h, w, 3) as it would be in the usual light."""
         around = round(AROUND * CELLS * self._step)
-        height, width = picture.shape[:2]
-        large = Box(
-            max(box.left - around, 0),
-            max(box.top - around, 0),
-            min(box.right + around, width),
-            min(box.bottom + around, height),
-        )
-        top, left = box.top - large.top, box.left - large.left
-        share = self.share(picture, large)[
-            top : top + box.bottom - box.top, left : left + box.right - box.left, None
-        ]
+        large = box.widened(around, picture)
+        share = self.share(picture, large)[box.inside(large).slices][..., None]
         black = np.float32(BLACK)
         return np.asarray(
             np.clip(np.rint((picture[box.slices] + black) / share - black), 0, 255), dtype=np.uint8

@@ -67,7 +67,7 @@ pub struct Tick {
 }
 
 impl Tick {
-    /// Whether it must stop arms that move or are held, in this state, whatever was before.
+    /// Whether it must stop arms that move or are held, in this state, whichever came before.
     fn is_fault(&self, playing: bool) -> bool {
         let bad_target = self
             .target
