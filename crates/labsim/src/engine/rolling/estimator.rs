@@ -280,10 +280,8 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
                 measured.map_or(f64::NAN, |one| one.observed[row - job.first][axis])
             });
             let off = measured - predicted;
-            if covariance
-                .is_off(off, seconds, edges_per_m, &estimator.variances)
-                .any()
-            {
+            let is_off = covariance.is_off(off, seconds, edges_per_m, &estimator.variances);
+            if is_off.any() {
                 let ahead = Ahead {
                     group,
                     row,
@@ -293,7 +291,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
                 };
                 let motion = [*place + moved, *velocity, estimator.velocity[axis]];
                 let sight = ahead.sight(predicted, off, motion, seconds);
-                covariance.follow(&sight, edges_per_m, &estimator.variances);
+                covariance.follow(is_off, &sight, edges_per_m, &estimator.variances);
             }
             let before = *covariance;
             let (variance, gain, weight) =

@@ -138,7 +138,7 @@ impl<S: Simd> Covariance<S> {
         rarity(off, here).gt(rarity(off, gone))
     }
 
-    /// Resets lost marbles to an unknown speed, if that is likelier than an outlier of the tracker.
+    /// Resets lost marbles among those that are off to an unknown speed, if that is likelier than an outlier of the tracker.
     ///
     /// A marble that just stops, or just does not, or meets a corner, goes two ways from there, and a normal
     /// distribution has one middle; outliers count so little that the mean would never come back. The row alone does not
@@ -147,6 +147,7 @@ impl<S: Simd> Covariance<S> {
     #[inline(always)]
     pub(super) fn follow(
         &mut self,
+        is_off: Mask<S>,
         sight: &Sight<S>,
         edges_per_m: Lanes<S>,
         variances: &Variances<S>,
@@ -176,7 +177,7 @@ impl<S: Simd> Covariance<S> {
             is_lost = is_lost * known.select(rarity(off_later - onto * off, straight), one);
         }
         let outside = beyond.gt(zero) & (beyond * beyond).gt(FAR * FAR * here);
-        let is_lost = self.is_off(off, seconds, edges_per_m, variances) & stays.gt(is_lost);
+        let is_lost = is_off & stays.gt(is_lost);
         let speed = is_lost.select(speed, zero);
         let speed = outside.select(zero, speed);
         self.xx = self.xx + seconds * seconds * speed;
