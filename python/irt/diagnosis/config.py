@@ -56,8 +56,8 @@ REFIT = 12
 SAME = 0.1
 #: An effect is fitted if its screened gain is at least this share of the largest, and at least this [nats].
 PROMISING, LEAST = 0.02, 1.0
-#: Sets within this distance of the best, or of the set to beat [nats], are refitted until converged, at most
-#: this number of times.
+#: Sets within this distance of the best, or of the set to beat [nats], and the five parameters alone are
+#: refitted until converged, at most this number of times.
 NEAR, AGAIN = 60.0, 3
 #: Largest difference of scores at which held-out errors decide [nats]; engines with equal physics differ by
 #: as much.

@@ -153,13 +153,33 @@ class Scores:
         return named * math.log(len(hypothetical())) + learned * math.log(config.LIBRARY)
 
     def base(self) -> Scored:
-        """Score the five parameters alone, from several start values and noise sizes."""
+        """Score the five parameters alone, from several starts that are repeated until they gain nothing."""
         key: frozenset[str] = frozenset()
         if key not in self.known:
             values, noises = self._starts()
             self.ascend((), values, noises, iterations=config.THOROUGH)
             self._spun(self.known[key])
+            for _ in range(config.AGAIN):
+                before = self.known[key].score
+                self._again(values, noises, self.known[key])
+                if self.known[key].score < before + config.SURE:
+                    break
         return self.known[key]
+
+    def _again(self, values: Array, noises: Array, one: Scored) -> None:
+        """Fit a set from earlier starts and from its own values, with its start states and all pushes.
+
+        Where much physics is missing, the likelihood has many local maxima, and at one with too large a push
+        no effect shows in the screening.
+        """
+        pushed = np.stack([self.noise(push) for push in config.PUSHES])
+        self.ascend(
+            one.effects,
+            np.concatenate([values, np.tile(one.top.values, (len(pushed), 1))]),
+            np.concatenate([noises, pushed]),
+            one.top.states,
+            iterations=config.THOROUGH,
+        )
 
     def _spun(self, one: Scored) -> None:
         """Fit a set from other spinning frictions, because the likelihood is flat at large values."""
