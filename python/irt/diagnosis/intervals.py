@@ -27,7 +27,7 @@ from irt.diagnosis.case import Case, Fitted
 from irt.diagnosis.hypotheses import JITTER
 from irt.diagnosis.score import KICK, Scored, Scores
 from irt.diagnosis.validation import HeldOut
-from irt.fitting.effect_size import sizes_of
+from irt.fitting.effect_size import size_of, sizes_of
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import CONFIDENCE, FLAT, Information
 from irt.model import Parameter
@@ -235,13 +235,13 @@ def _spread(one: Scored, time_scale: Parameter) -> Parameter:
 def is_named(name: str, found: dict[str, Parameter]) -> bool:
     """Whether an effect is distinct from its absence: delay jitter by its spread, others by their size.
 
-    Rebounds from the rim differ between engines, and between any engine and a rig. A law of impacts must
-    exceed these differences.
+    It must also be distinct from other effects, by the width or speed on which it acts. Rebounds from the rim
+    differ between engines, and between any engine and a rig. A law of impacts must exceed these differences.
     """
     if name == JITTER:
         low = found[f"{JITTER}.sd_s"].low
         return low is not None and low > 0.0
-    if may_be_absent(name, found):
+    if may_be_absent(name, found) or not _is_plausible(name, found):
         return False
     if not effect(name).of_rims:
         return True
@@ -249,3 +249,18 @@ def is_named(name: str, found: dict[str, Parameter]) -> bool:
         abs(found[f"{name}.{law.name}"].value - law.neutral) > config.LEAST_OF_IMPACTS * (law.high - law.low)
         for law in effect(name).required
     )
+
+
+def _is_plausible(name: str, found: dict[str, Parameter]) -> bool:
+    """Whether the width or speed on which an effect acts is in its range; the size itself may be larger.
+
+    Beyond that range it describes another effect: Stribeck friction at the lowest speeds is static friction,
+    and a very wide bump is a tilt of the board.
+    """
+    size = size_of(name)
+    scales = [
+        one
+        for index, one in enumerate(effect(name).required)
+        if size is not None and index != size and one.low > 0.0 and not one.is_choice
+    ]
+    return all(one.low <= found[f"{name}.{one.name}"].value <= one.high for one in scales)

@@ -102,6 +102,15 @@ def test_a_rebound_must_be_larger_than_what_engines_differ_by(increase, named):
     assert intervals.is_named("wall_restitution", found) is named
 
 
+@pytest.mark.parametrize(("speed", "named"), [(0.02, True), (0.002, False), (0.2, False)])
+def test_friction_at_other_speeds_than_stribecks_is_another_effect(speed, named):
+    found = {
+        "stribeck.strength": Parameter(9.0, 8.0, 10.0),
+        "stribeck.speed_m_per_s": Parameter(speed, 0.001, 0.3),
+    }
+    assert intervals.is_named("stribeck", found) is named
+
+
 @pytest.mark.parametrize(("low", "named"), [(0.02, True), (0.0, False), (None, False)])
 def test_delays_differ_where_their_spread_is_no_zero(low, named):
     high = None if low is None else 0.1
