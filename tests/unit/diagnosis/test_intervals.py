@@ -89,7 +89,7 @@ def test_a_size_that_may_as_well_be_none_is_not_named(name, ends, may_be):
     found = {
         f"{name}.{one.name}": Parameter(0.5 * sum(ends[one.name]), *ends[one.name])
         if ends.get(one.name, (None,))[0] is not None
-        else Parameter(0.5)
+        else Parameter(0.5 * (one.low + one.high))
         for one in effect(name).parameters
     }
     assert intervals.may_be_absent(name, found) is may_be
