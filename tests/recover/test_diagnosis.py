@@ -8,7 +8,7 @@ import pytest
 
 import irt
 from irt.diagnosis import config
-from irt.diagnosis.case import Case
+from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.score import Scores
 from irt.recording import Recording
 from irt.rig import RANGES, Board, Marble, Rig
@@ -84,7 +84,7 @@ def test_wild_rows_are_no_physics():
 def test_no_further_start_improves_the_five_parameters_under_a_strong_field():
     """A field stronger than the drive gives the likelihood many local maxima, hundreds of nats apart."""
     field = {"name": "point_field", "x_m": 0.2, "y_m": -0.17, "strength_m3_per_s2": 0.0028}
-    scores = Scores(Case.of(hidden(field, engine="rapier")))
+    scores = Scores(Dataset.of(hidden(field, engine="rapier")))
     base = scores.base()
     noise = np.stack([scores.noise(push) for push in config.PUSHES])
     values = np.tile(base.top.values, (len(noise), 1))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from irt.catalogue import effect
 from irt.diagnosis import config, words
 from irt.diagnosis.budget import REST, budget, twins_of
-from irt.diagnosis.case import Case
+from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.detectability import detectability
 from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_of
 from irt.diagnosis.intervals import at_one_time_scale
@@ -73,7 +73,7 @@ class Answer:
     def __init__(self, best: Scored, relevance: Relevance, immaterial: frozenset[str]) -> None:
         self._best, self._relevance, self._immaterial = best, relevance, immaterial
         self._posterior: Posterior = relevance.posterior
-        self._case: Case = relevance.selection.scores.case
+        self._dataset: Dataset = relevance.selection.scores.dataset
         self._base = relevance.as_free(relevance.selection.scores.base(), best)
         self._proof = relevance.validation.of(best)
         self._base_proof = relevance.validation.of(self._base)
@@ -82,7 +82,7 @@ class Answer:
 
     def diagnosis(self, report: Callable[[str], None]) -> Diagnosis:
         """Assemble the diagnosis."""
-        case, best = self._case, self._best
+        dataset, best = self._dataset, self._best
         report("locating the mismatch")
         where = self._where()
         report("ties")
@@ -94,7 +94,7 @@ class Answer:
         base, answer = self._base_proof, self._proof
         is_held_out = answer.is_proof
         final = answer.runs[0].model
-        twins = evaluate(final, twins_of(case.rig, final, self._noise, case.seed), config.HORIZON_S)
+        twins = evaluate(final, twins_of(dataset.rig, final, self._noise, dataset.seed), config.HORIZON_S)
         without = {name: self._without(name) for name in order}
         shares = budget(base, answer, without, twins.runs) if is_held_out else ()
         return Diagnosis(
@@ -107,7 +107,7 @@ class Answer:
                 heldout=is_held_out,
                 explained=self._is_whole,
                 leaves=not self._is_whole,
-                row_s=None if case.time_scale is not None else case.row_s(best.fitted),
+                row_s=None if dataset.time_scale is not None else dataset.row_s(best.fitted),
             ),
             where=where,
             effects=effects,
@@ -124,13 +124,13 @@ class Answer:
             indistinguishable=tuple(one.scored.fitted.model for one in tied),
             plausible=self._plausible(tied),
             unidentifiable=self._unidentifiable,
-            suggestion=words.suggestion(effects, case.rig.path),
+            suggestion=words.suggestion(effects, dataset.rig.path),
             candidates=self._candidates(tied),
             runs=self._runs(),
             power=() if effects else tuple(detectability(self._scores, self._base)),
             notes=(
                 *words.notes(
-                    case,
+                    dataset,
                     best.fitted,
                     next((one.parameters for one in effects if one.name == JITTER), None),
                     explained=self._is_whole,
@@ -138,12 +138,12 @@ class Answer:
                 *sentences(self._recordings, self._differences),
             ),
             settings={
-                "rig": str(case.rig.path),
-                "recordings": len(case.rig.recordings),
-                "recordings_sha256": case.rig.digest,
+                "rig": str(dataset.rig.path),
+                "recordings": len(dataset.rig.recordings),
+                "recordings_sha256": dataset.rig.digest,
                 "version": version("labsim-irt"),
             },
-            seed=case.seed,
+            seed=dataset.seed,
             seconds=0.0,
             inclusion=self._posterior.probabilities(self._immaterial - set(best.effects)),
             budget=shares,
@@ -156,7 +156,7 @@ class Answer:
     @functools.cached_property
     def _recordings(self) -> list[str]:
         """Names of the recordings that were held out, one after the other."""
-        return [self._case.rig.recordings[int(fold)].name for fold in np.unique(self._case.folds)]
+        return [self._dataset.rig.recordings[int(fold)].name for fold in np.unique(self._dataset.folds)]
 
     @functools.cached_property
     def _differences(self) -> list[Difference]:
@@ -220,13 +220,13 @@ class Answer:
 
     def _pushes(self) -> tuple[NeededPush, ...]:
         before, after = self._needed_before.over_time, self._needed.over_time
-        times = {one.name: self._times(one) for one in self._case.rig.recordings}
+        times = {one.name: self._times(one) for one in self._dataset.rig.recordings}
         return tuple(NeededPush(name, times[name], *before[name], *after[name]) for name in before)
 
     def _sources(self, one: Scored) -> list[Source]:
         """Return the variables that the residuals of a set may depend on."""
         if one not in self._known_sources:
-            self._known_sources[one] = LatentForce(one.fitted).sources(self._case.seed)
+            self._known_sources[one] = LatentForce(one.fitted).sources(self._dataset.seed)
         return self._known_sources[one]
 
     def _without(self, name: str) -> HeldOut:
@@ -325,7 +325,7 @@ class Answer:
         return tuple(sorted(found, key=lambda one: one.penalty - one.gain))
 
     def _runs(self) -> tuple[RunProof, ...]:
-        proofs = zip(self._case.rig.recordings, self._base_proof.runs, self._proof.runs, strict=True)
+        proofs = zip(self._dataset.rig.recordings, self._base_proof.runs, self._proof.runs, strict=True)
         return tuple(
             RunProof(
                 recording=recording.name,
@@ -345,7 +345,7 @@ class Answer:
         """Return the time of each row (n,) [s]; without stamps by the middle of the time scale's range."""
         if recording.stamps is not None:
             return np.asarray(recording.stamps)
-        step = self._case.time_scale or float(np.mean(self._case.rig.ranges["time_scale"]))
+        step = self._dataset.time_scale or float(np.mean(self._dataset.rig.ranges["time_scale"]))
         return np.asarray(np.arange(len(recording.knobs)) * step * SUBSTEP_S)
 
 
@@ -381,7 +381,7 @@ def _model(one: Scored, parameters: dict[str, Parameter]) -> Model:
 
 def _free_run(one: Scored) -> float:
     """Return the mean absolute error on the recordings that a set was fitted to."""
-    evaluation = evaluate(one.fitted.model, one.case.rig.recordings)
-    if one.case.rig.start == "moving" and evaluation.windowed is not None:
+    evaluation = evaluate(one.fitted.model, one.dataset.rig.recordings)
+    if one.dataset.rig.start == "moving" and evaluation.windowed is not None:
         return evaluation.windowed.mae
     return evaluation.mae

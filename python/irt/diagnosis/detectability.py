@@ -33,9 +33,9 @@ def detectability(scores: Scores, base: Scored) -> list[Power]:
     screening = Screening(scores, base)
     return [
         one
-        for name in hypotheses(scores.case.rig.start)
+        for name in hypotheses(scores.dataset.rig.start)
         if name != JITTER and not effect(name).shrunk
-        for one in _of(screening, name, scores.price([name]) + config.SURE, scores.case.seed)
+        for one in _of(screening, name, scores.price([name]) + config.SURE, scores.dataset.seed)
     ]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnosis.case import Fitted
+from irt.diagnosis.dataset import Fitted
 from irt.diagnosis.windows import EARLIER, Window, Windows
 from irt.engine import GRAVITY
 
@@ -72,7 +72,7 @@ def free_motion(fitted: Fitted, longest: int, *, weak: bool, most: int) -> tuple
 
     At most about `most` rows are used, as complete segments that are spread over the recordings.
     """
-    case, reach = fitted.case, fitted.model.reach
+    dataset, reach = fitted.dataset, fitted.model.reach
     screen = Windows(fitted, longest)
     pieces: list[_Piece] = []
     windows = screen.windows()
@@ -80,13 +80,13 @@ def free_motion(fitted: Fitted, longest: int, *, weak: bool, most: int) -> tuple
         if sum(len(piece.place) for piece in pieces) >= most:
             break
         window = windows[index]
-        piece = _observed(window, case.noise) if weak else _predicted(window)
+        piece = _observed(window, dataset.noise) if weak else _predicted(window)
         free = (np.abs(piece.place) < reach - FREE).all(axis=1) & np.isfinite(piece.residual).all(axis=1)
         if weak:
             # A marble at rest is held by friction and does not respond to pushes.
-            free &= np.linalg.norm(piece.velocity, axis=1) > SLOW * case.noise
+            free &= np.linalg.norm(piece.velocity, axis=1) > SLOW * dataset.noise
         else:
-            free &= (np.abs(piece.residual) < ASTRAY * case.noise).all(axis=1)
+            free &= (np.abs(piece.residual) < ASTRAY * dataset.noise).all(axis=1)
         first, stop = _longest(np.asarray(free))
         if stop - first >= SHORTEST:
             pieces.append(piece.cut(first, stop))

@@ -23,7 +23,7 @@ from scipy.stats import norm
 
 from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.dataset import Dataset, Fitted
 from irt.diagnosis.hypotheses import JITTER
 from irt.diagnosis.score import KICK, Scored, Scores
 from irt.diagnosis.validation import HeldOut
@@ -67,7 +67,7 @@ def parameters(
     deviations = dict(zip(one.names, one.top.deviations.tolist(), strict=True))
     allowed = dict(zip(information.names, information.allowed.tolist(), strict=True))
     # Where time is unknown the filter's deviations reach as far along the symmetry as the prior.
-    deviations = dict.fromkeys(deviations, 0.0) if not time_is_known(one.case) else deviations
+    deviations = dict.fromkeys(deviations, 0.0) if not time_is_known(one.dataset) else deviations
     found = {
         name: _wider(parameter, _NORMAL * deviations[name], *allowed[name])
         for name, parameter in with_intervals(information).items()
@@ -135,8 +135,8 @@ def information_of(one: Scored, held: HeldOut) -> Information:
 def curvature(one: Scored) -> Information:
     """Return what recordings say of a set by the curvature of the likelihood of its free runs."""
     fitted = one.fitted
-    problem = one.case.problem(fitted.effects)
-    information = Information.of(problem, fitted.values, problem.inform(fitted.values, one.case.noise))
+    problem = one.dataset.problem(fitted.effects)
+    information = Information.of(problem, fitted.values, problem.inform(fitted.values, one.dataset.noise))
     return _without_time(fitted, information)
 
 
@@ -164,8 +164,8 @@ def _without_time(fitted: Fitted, information: Information) -> Information:
 
     If stamps or a damping determine the time scale, the information is unchanged.
     """
-    case = fitted.case
-    if time_is_known(case):
+    dataset = fitted.dataset
+    if time_is_known(dataset):
         return information
     along = np.array([_power(name, fitted) for name in fitted.names]) * fitted.values / information.widths
     along = np.where(information.free, along, 0.0)
@@ -185,15 +185,15 @@ def _without_time(fitted: Fitted, information: Information) -> Information:
     return replace(information, directions=directions, half_width=half_width, offset=offset)
 
 
-def time_is_known(case: Case) -> bool:
+def time_is_known(dataset: Dataset) -> bool:
     """Whether stamps or a damping determine the time scale."""
-    return case.time_scale is not None or case.rig.marble.damping_per_s > 0.0
+    return dataset.time_scale is not None or dataset.rig.marble.damping_per_s > 0.0
 
 
 def at_one_time_scale(one: Scored, values: Array) -> Array:
     """Return (k, n) values, moved along the time symmetry to a set's own time scale."""
     fitted = one.fitted
-    if time_is_known(fitted.case) or not len(values):
+    if time_is_known(fitted.dataset) or not len(values):
         return values
     index = one.names.index("time_scale")
     powers = np.array([_power(name, fitted) for name in one.names])
@@ -225,7 +225,7 @@ def _spread(one: Scored, time_scale: Parameter) -> Parameter:
     likelihood = np.array([float(each.log_likelihood.sum()) for each in found])
     inside = noises[likelihood > likelihood.max() - _FALLEN, KICK]
     low, high = float(min(inside.min(), size)), float(max(inside.max(), size))
-    if one.case.time_scale is None:
+    if one.dataset.time_scale is None:
         if time_scale.low is None or time_scale.high is None:
             return Parameter(size)
         low, high = low * time_scale.low / time_scale.value, high * time_scale.high / time_scale.value

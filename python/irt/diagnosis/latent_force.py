@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from irt.diagnosis.case import Fitted
+from irt.diagnosis.dataset import Fitted
 from irt.diagnosis.free_motion import LONGEST, SHORTEST, free_motion, integrator
 from irt.diagnosis.windows import EARLIER
 
@@ -96,7 +96,7 @@ class LatentForce:
         most: int = MOST_ROWS,
     ) -> None:
         self.rows, self._residual, self._fixed = free_motion(fitted, longest, weak=weak, most=most)
-        self._noise = fitted.case.noise
+        self._noise = fitted.dataset.noise
 
     @property
     def count(self) -> int:

@@ -68,7 +68,7 @@ def _fitted(
     """Fit terms from these values of the engine's effect; all other values are held."""
     free = {name for term in in_slots(terms) for name in term.free}
     still = {name: value for name, value in values.items() if name not in free}
-    scores = Scores(now.case.holding(UNLISTED, still), terms)
+    scores = Scores(now.dataset.holding(UNLISTED, still), terms)
     problem = scores.problem(effects)
     begun = now.values | {f"{UNLISTED}.{name}": value for name, value in values.items()}
     point = np.array([begun.get(name, 0.0) for name in problem.names])

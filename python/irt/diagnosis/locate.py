@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.dataset import Dataset, Fitted
 from irt.diagnosis.latent_force import Source
 from irt.diagnosis.result import Finding, Kind
 from irt.diagnosis.terms import Term
@@ -32,13 +32,13 @@ def locate(fitted: Fitted, noise: float) -> list[Finding]:
     residuals beyond noise. Its p-value is the share of nulls in which any place stands out as much, which
     corrects for the number of places tested.
     """
-    case, screen = fitted.case, Windows(fitted, ROWS)
-    squares, nulls = screen.squared(NULLS, case.seed, noise)
+    dataset, screen = fitted.dataset, Windows(fitted, ROWS)
+    squares, nulls = screen.squared(NULLS, dataset.seed, noise)
     beyond = squares - nulls.mean(axis=0)
     total = max(float(beyond.sum()), 1e-300)
     places = [
         (kind, what, mask)
-        for kind, what, mask in _places(case, fitted.model.reach, screen)
+        for kind, what, mask in _places(dataset, fitted.model.reach, screen)
         if mask.mean() > FEWEST
     ]
     results, highest = [], np.zeros(NULLS)
@@ -94,13 +94,13 @@ def stages(fitted: Fitted, sources: Sequence[Source], found: Collection[str] = (
 
 def _size(fitted: Fitted, source: Source) -> str:
     """Return the RMS of a push or of a shift of the picture, in words."""
-    case = fitted.case
-    metres = source.push * case.edge_m(fitted)
+    dataset = fitted.dataset
+    metres = source.push * dataset.edge_m(fitted)
     if source.stage == "camera":
         return f"a shift of {1000.0 * metres:.2g} mm"
-    if case.time_scale is None:
+    if dataset.time_scale is None:
         return f"a push of {1000.0 * metres:.2g} mm/row²"
-    return f"a push of {metres / case.row_s(fitted) ** 2:.2g} m/s²"
+    return f"a push of {metres / dataset.row_s(fitted) ** 2:.2g} m/s²"
 
 
 def variables(terms: Sequence[Term], sources: Sequence[Source]) -> list[Finding]:
@@ -154,7 +154,7 @@ _KINDS: dict[str, Kind] = {
 }
 
 
-def _places(case: Case, reach: Array, screen: Windows) -> Iterator[tuple[Kind, str, Mask]]:
+def _places(dataset: Dataset, reach: Array, screen: Windows) -> Iterator[tuple[Kind, str, Mask]]:
     """Yield the places to test, with masks of the rows of all windows, (w * n,)."""
     windows = screen.windows()
     place = np.concatenate([one.place for one in windows])
@@ -164,16 +164,16 @@ def _places(case: Case, reach: Array, screen: Windows) -> Iterator[tuple[Kind, s
     rows = np.concatenate([one.first + np.arange(len(one.place)) for one in windows])
     run = np.concatenate([np.full(len(one.place), one.run) for one in windows])
     for fold in np.unique(run):
-        yield "run", case.rig.recordings[fold].name, run == fold
+        yield "run", dataset.rig.recordings[fold].name, run == fold
     quarters = np.linspace(0, rows.max() + 1, 5).astype(int)
     for first, after in pairwise(quarters):
         yield "time", f"rows {first} to {after - 1}", (rows >= first) & (rows < after)
-    yield from _regions(case, place)
+    yield from _regions(dataset, place)
     yield from _regimes(reach, place, velocity, knobs, turn)
 
 
-def _regions(case: Case, place: Array) -> Iterator[tuple[Kind, str, Mask]]:
-    board = case.rig.board
+def _regions(dataset: Dataset, place: Array) -> Iterator[tuple[Kind, str, Mask]]:
+    board = dataset.rig.board
     half = np.array([0.5, 0.5 * board.edge_y_m / board.edge_x_m])
     cells = np.clip(np.floor((place / half + 1.0) * 1.5), 0, 2).astype(int)
     across, along = ("left", "middle", "right"), ("near", "middle", "far")

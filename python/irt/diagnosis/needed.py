@@ -70,14 +70,14 @@ class Needed:
     """
 
     def __init__(self, one: Scored) -> None:
-        self._seed = one.case.seed
+        self._seed = one.dataset.seed
         #: Duration of a row [s] if recordings have no stamps; accelerations are then given in rows.
-        self._row_s = None if one.case.time_scale is not None else one.case.row_s(one.fitted)
+        self._row_s = None if one.dataset.time_scale is not None else one.dataset.row_s(one.fitted)
         found = smoothed(one)
         #: Push in each row and its standard deviation, (n, 2) [m/s^2], by recording; NaN if unknown.
         self.over_time = {
             run.recording: (_padded(push, len(run.run.knobs)), _padded(deviation, len(run.run.knobs)))
-            for run, push, deviation in zip(one.case.runs, found.push, found.push_deviation, strict=True)
+            for run, push, deviation in zip(one.dataset.runs, found.push, found.push_deviation, strict=True)
         }
         parts = list(_rows(one, found))
         self._lengths = [len(push) for push, _ in parts]
@@ -177,8 +177,8 @@ def _padded(values: Array, rows: int) -> Array:
 
 def _rows(one: Scored, found: Smoothed) -> Iterator[tuple[Array, dict[str, Array]]]:
     """Yield for each recording the push (n, 2) [m/s^2], and the values (n, c) of each variable."""
-    case, reach = one.case, one.fitted.model.reach
-    for run, push in zip(case.runs, found.push, strict=True):
+    dataset, reach = one.dataset, one.fitted.model.reach
+    for run, push in zip(dataset.runs, found.push, strict=True):
         if len(push) < FEWEST:
             continue
         path, velocity = path_and_velocity(run.observed)
@@ -194,7 +194,7 @@ def _rows(one: Scored, found: Smoothed) -> Iterator[tuple[Array, dict[str, Array
             "time": np.arange(len(push), dtype=np.float64)[:, None],
         }
         free = np.isfinite(path).all(axis=1) & np.isfinite(push).all(axis=1)
-        free &= (np.abs(path) < reach - FREE).all(axis=1) & (speed[:, 0] > SLOW * case.noise)
+        free &= (np.abs(path) < reach - FREE).all(axis=1) & (speed[:, 0] > SLOW * dataset.noise)
         if free.sum() >= FEWEST:
             yield push[free], {name: values[free] for name, values in against.items()}
 

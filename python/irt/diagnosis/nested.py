@@ -44,7 +44,7 @@ def nested(sets: Sequence[Scored], validation: Validation) -> Nested:
     sets : sequence of Scored
         The competing sets; sets with values from free runs compete by those from the filter.
     validation : Validation
-        Validation of the same case, with two recordings or more.
+        Validation of the same dataset, with two recordings or more.
     """
     unique = list({frozenset(one.effects): one for one in reversed(sets)}.values())
     scores = np.array([validation.of(one.filtered or one).scores for one in unique])

@@ -55,7 +55,7 @@ def posterior(
 def _component(one: Scored, information: Information, chance: float, widening: float = 1.0) -> Component:
     own = [one.names.index(name) for name in information.names]
     # Where time is unknown the filter knows no more along the symmetry than the prior.
-    covariance = one.top.covariance[np.ix_(own, own)] if intervals.time_is_known(one.case) else None
+    covariance = one.top.covariance[np.ix_(own, own)] if intervals.time_is_known(one.dataset) else None
     model = one.fitted.model
     found = component(
         information,

@@ -23,7 +23,7 @@ from irt.diagnosis.basis import (
     spots,
     waves,
 )
-from irt.diagnosis.case import Fitted
+from irt.diagnosis.dataset import Fitted
 from irt.diagnosis.free_motion import LONGEST, PULL
 from irt.diagnosis.latent_force import LatentForce
 from irt.diagnosis.terms import BRAKE, GEARS, LAWS, MODE, PROFILES, PUSH, VECTORS, Term
@@ -98,10 +98,10 @@ class Regressors:
     """A missing push, and the values of all variables in its rows [SI units]."""
 
     def __init__(self, force: LatentForce, parent: Fitted) -> None:
-        case = parent.case
-        edge_m, row_s = case.edge_m(parent), case.row_s(parent)
+        dataset = parent.dataset
+        edge_m, row_s = dataset.edge_m(parent), dataset.row_s(parent)
         rows = force.rows
-        self._force, self._case, self._row_s = force, case, row_s
+        self._force, self._dataset, self._row_s = force, dataset, row_s
         self._gears = parent.values[[PARAMETERS.index(name) for name in ("gear_x", "gear_y")]]
         self._values = {
             "position": rows.place * edge_m,
@@ -110,7 +110,7 @@ class Regressors:
             / np.maximum(np.linalg.norm(rows.velocity, axis=1, keepdims=True), 1e-12),
             "command": rows.knobs * self._gears,
             "time": rows.time[:, None] * row_s,
-            "way": edge_m * self._of_runs([one.way[:, None] for one in case.rig.recordings]),
+            "way": edge_m * self._of_runs([one.way[:, None] for one in dataset.rig.recordings]),
         }
         #: Factor from m/s^2 to board edges per row squared.
         self._unit = row_s**2 / edge_m
@@ -125,7 +125,7 @@ class Regressors:
         """Return the best terms of at most `families` families that still fit into the engine's effect."""
         best: dict[tuple[str, ...], tuple[float, Term]] = {}
         for one in self._candidates(terms):
-            gain = 0.5 * one.explained * self.total / self._case.noise**2 - PRICE * len(one.free)
+            gain = 0.5 * one.explained * self.total / self._dataset.noise**2 - PRICE * len(one.free)
             if gain > best.get(one.family, (WORTH,))[0]:
                 best[one.family] = (gain, one)
         ranked = sorted(best.values(), key=lambda one: -one[0])[:families]
@@ -235,8 +235,8 @@ class Regressors:
 
     def _swings(self, rates: Array, dampings: Array) -> Array:
         """Return the pushes (n, k, 2) by the deviations of k modes from the board's angles."""
-        at_rest = self._case.rig.start == "rest"
-        tilts = [one.knobs * self._gears for one in self._case.rig.recordings]
+        at_rest = self._dataset.rig.start == "rest"
+        tilts = [one.knobs * self._gears for one in self._dataset.rig.recordings]
         away = self._of_runs(
             [_away(one, np.zeros(2) if at_rest else one[0], rates, dampings, self._row_s) for one in tilts]
         )

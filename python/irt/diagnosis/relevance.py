@@ -51,7 +51,7 @@ class Relevance:
         known = self._without[one]
         if name not in known:
             selection = self.selection
-            if one.case is not selection.scores.case:
+            if one.dataset is not selection.scores.dataset:
                 selection = Selection(Scores.of(one), (), selection.report)
             known[name] = self.as_free(selection.without(one, name), one)
         return known[name]
@@ -67,7 +67,7 @@ class Relevance:
         residuals of free runs are about the tracker's noise, there is nothing to gain. A push accumulates in
         free runs, and their values may undo an effect: such values are rejected.
         """
-        if one.is_free or one.fitted.noise < (1.0 + config.MATTERS) * one.case.noise:
+        if one.is_free or one.fitted.noise < (1.0 + config.MATTERS) * one.dataset.noise:
             return one
         other = Scores.of(one).freed(one)
         if self._undoes_an_effect(other, one):
@@ -132,7 +132,7 @@ class Relevance:
             if name == JITTER:
                 counts = math.isfinite(one.score)
             else:
-                counts = losses[name] >= config.MATTERS * one.case.noise
+                counts = losses[name] >= config.MATTERS * one.dataset.noise
             matters = counts and intervals.is_named(name, found)
             if not (matters and self._is_probable(name)):
                 return name, matters

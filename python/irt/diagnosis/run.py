@@ -12,7 +12,7 @@ from irt import arguments
 from irt.checking.run import required
 from irt.diagnosis import config
 from irt.diagnosis.answer import Answer
-from irt.diagnosis.case import Case
+from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.hypotheses import MAP, hypotheses
 from irt.diagnosis.learned import learn
 from irt.diagnosis.locate import CLEAR
@@ -60,16 +60,16 @@ def diagnose(
     warnings = required(rig, threads=threads)
     # More BLAS threads change the order of summation, and are slower on matrices of this size.
     with threadpool_limits(1, user_api="blas"):
-        found = _diagnosed(Case.of(rig.of_marbles(), seed=seed, threads=threads), _reporter(progress))
+        found = _diagnosed(Dataset.of(rig.of_marbles(), seed=seed, threads=threads), _reporter(progress))
     if progress is not None:
         progress(_STEPS, _STEPS, "done")
     return replace(found, warnings=warnings, seconds=time.perf_counter() - began)
 
 
-def _diagnosed(case: Case, report: Callable[[str], None]) -> Diagnosis:
+def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
     """Run all stages of a diagnosis."""
-    scores = Scores(case)
-    selection = Selection(scores, hypotheses(case.rig.start), report)
+    scores = Scores(dataset)
+    selection = Selection(scores, hypotheses(dataset.rig.start), report)
     posterior = selection.run()
     relevance = Relevance(selection, posterior)
     report("relevance of effects")

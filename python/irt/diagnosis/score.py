@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from irt.catalogue import effect, hypothetical
 from irt.diagnosis import config
-from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.dataset import Dataset, Fitted
 from irt.diagnosis.hypotheses import (
     ALIKE,
     JITTER,
@@ -46,7 +46,7 @@ class Scored:
 
     Attributes
     ----------
-    case : Case
+    dataset : Dataset
         The dataset, with the held parameters of effects.
     effects : tuple of str
         The effects in the order of addition.
@@ -62,7 +62,7 @@ class Scored:
         The same set with values from the filter, if its values are from free runs by least squares.
     """
 
-    case: Case
+    dataset: Dataset
     effects: tuple[str, ...]
     names: tuple[str, ...]
     top: Probable
@@ -102,9 +102,9 @@ class Scored:
     def fitted(self) -> Fitted:
         """The evaluation of its values by free runs."""
         effects = simulated(self.effects)
-        problem = self.case.problem(effects)
+        problem = self.dataset.problem(effects)
         values = np.array([self.values[name] for name in problem.names])
-        return self.case.judge(effects, values[None])[0]
+        return self.dataset.judge(effects, values[None])[0]
 
 
 @functools.cache
@@ -121,11 +121,11 @@ def mean_delay(values: Mapping[str, float]) -> float:
 
 @dataclass(eq=False)
 class Scores:
-    """Scores of the sets of a case.
+    """Scores of the sets of a dataset.
 
     Attributes
     ----------
-    case : Case
+    dataset : Dataset
         The dataset, with the held parameters of effects.
     terms : tuple of Term
         Terms of the learned correction, if it is among the effects.
@@ -133,14 +133,14 @@ class Scores:
         The best fit of each set.
     """
 
-    case: Case
+    dataset: Dataset
     terms: tuple[Term, ...] = ()
     known: dict[frozenset[str], Scored] = field(default_factory=dict)
 
     @classmethod
     def of(cls, one: Scored) -> Scores:
         """Return the scores for sets with the held parameters and terms of a set."""
-        return cls(one.case, one.terms)
+        return cls(one.dataset, one.terms)
 
     def price(self, effects: Sequence[str]) -> float:
         """Return the negative log prior of a set [nats].
@@ -193,8 +193,8 @@ class Scores:
     def problem(self, effects: Sequence[str]) -> Problem:
         """Return the problem of a set, with a small delay for the time-step offset between engines."""
         if set(effects) & TIMES:
-            return self.case.grey_box(simulated(effects))
-        return self.case.grey_box([MEAN, *simulated(effects)], within={SHIFT_S: (0.0, SUBSTEP_S)})
+            return self.dataset.grey_box(simulated(effects))
+        return self.dataset.grey_box([MEAN, *simulated(effects)], within={SHIFT_S: (0.0, SUBSTEP_S)})
 
     def _starts(self) -> tuple[Array, Array]:
         """Return initial values and noise sizes: least squares, and the middle of ranges.
@@ -202,13 +202,13 @@ class Scores:
         If much physics is missing, least squares are far off, except for the signs of the gears and their
         size for a given time scale.
         """
-        found = self.case.fit((), starts=6, rounds=1).values
+        found = self.dataset.fit((), starts=6, rounds=1).values
         middle = found.copy()
         friction, time, scale = range(2, 5)
-        if self.case.time_scale is None:
-            middle[time] = np.mean(self.case.rig.ranges[PARAMETERS[time]])
+        if self.dataset.time_scale is None:
+            middle[time] = np.mean(self.dataset.rig.ranges[PARAMETERS[time]])
             middle[:2] *= (found[time] / middle[time]) ** 2
-        middle[friction] = np.mean(self.case.rig.ranges[PARAMETERS[friction]])
+        middle[friction] = np.mean(self.dataset.rig.ranges[PARAMETERS[friction]])
         middle[scale] = 1.0
         values, noises = [], []
         for begin, pushes in ((found, config.PUSHES[:-1]), (middle, config.PUSHES[1:])):
@@ -219,7 +219,7 @@ class Scores:
 
     def noise(self, push: float) -> Array:
         """Return initial noise sizes, (10,)."""
-        white, lasting = max(self.case.noise, 1e-5), max(self.case.noise, 1e-6)
+        white, lasting = max(self.dataset.noise, 1e-5), max(self.dataset.noise, 1e-6)
         return np.array(
             [
                 white,
@@ -251,7 +251,7 @@ class Scores:
         )
         price = self.price(effects)
         terms = self.terms if UNLISTED in effects else ()
-        found = [Scored(self.case, tuple(effects), problem.names, top, price, terms) for top in tops]
+        found = [Scored(self.dataset, tuple(effects), problem.names, top, price, terms) for top in tops]
         for one in found:
             self.remember(one)
         return found
@@ -262,13 +262,13 @@ class Scores:
 
     def least_squares(self, one: Scored) -> Array:
         """Return the values of a set after a fit of free runs that starts at them, (n,); a map is held."""
-        effects, case = simulated(one.effects), self.case
+        effects, dataset = simulated(one.effects), self.dataset
         if MAP in effects:
             own = f"{MAP}."
             held = {key.removeprefix(own): one.values[key] for key in one.names if key.startswith(own)}
-            case = case.holding(MAP, held)
-        names = case.problem(effects).names
-        found = case.fit(effects, points=np.array([[one.values[name] for name in names]]), rounds=0)
+            dataset = dataset.holding(MAP, held)
+        names = dataset.problem(effects).names
+        found = dataset.fit(effects, points=np.array([[one.values[name] for name in names]]), rounds=0)
         values = one.values | dict(zip(names, found.values.tolist(), strict=True))
         return np.array([values[name] for name in one.names])
 

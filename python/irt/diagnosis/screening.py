@@ -69,7 +69,7 @@ class Screening:
 
     def __init__(self, scores: Scores, parent: Scored, place: tuple[float, float] | None = None) -> None:
         self._scores, self._parent, self._place = scores, parent, place
-        self._case = scores.case
+        self._dataset = scores.dataset
         problem = scores.problem(parent.effects)
         here = np.array([parent.values[name] for name in problem.names])
         span = problem.ranges[:, 1] - problem.ranges[:, 0]
@@ -82,7 +82,7 @@ class Screening:
         found = problem.filter(
             moved, np.tile(parent.noise, (len(moved), 1)), [parent.top.states] * len(moved)
         )
-        seen = np.concatenate([one.observed.ravel() for one in self._case.runs])
+        seen = np.concatenate([one.observed.ravel() for one in self._dataset.runs])
         predicted = [np.concatenate([one.ravel() for one in each.predicted]) for each in found]
         variance = np.concatenate([one.ravel() for one in found[0].variance])
         self._kept = np.isfinite(seen) & np.isfinite(variance)
@@ -142,7 +142,7 @@ class Screening:
         return Promise(JITTER, float(gains[best[0]]), values[best], noise[best])
 
     def _promise(self, name: str) -> Promise:
-        drawn = draws(name, config.DRAWS, self._case.seed)
+        drawn = draws(name, config.DRAWS, self._dataset.seed)
         columns = place_columns(name)
         if self._place is not None and columns:
             there = drawn.copy()

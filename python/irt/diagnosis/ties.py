@@ -60,7 +60,7 @@ def _difference(best: Scored, one: Scored) -> tuple[str, str]:
 
 def _is_same(one: Scored, other: Scored) -> bool:
     """Whether two sets predict most rows alike, up to the phase of commands within a time step."""
-    return float(np.nanmedian(np.abs(_between(one, other)))) < config.SAME * one.case.noise
+    return float(np.nanmedian(np.abs(_between(one, other)))) < config.SAME * one.dataset.noise
 
 
 def _between(one: Scored, other: Scored) -> Array:
@@ -71,7 +71,7 @@ def _between(one: Scored, other: Scored) -> Array:
 
 def reason(answer: Scored, tie: Tie) -> str:
     """Return a sentence on why two sets cannot be distinguished, with the size of their difference."""
-    size = float(np.sqrt(np.nanmean(_between(answer, tie.scored) ** 2))) / answer.case.noise
+    size = float(np.sqrt(np.nanmean(_between(answer, tie.scored) ** 2))) / answer.dataset.noise
     timed = "only an independently timed event would distinguish them, such as a lamp switched with a command"
     if {tie.name, tie.instead} == ALIKE:
         why = f"a late command and a late picture give the same observed motion; {timed}"

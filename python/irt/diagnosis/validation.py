@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.diagnosis import config
-from irt.diagnosis.case import Case
+from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.hypotheses import MAP, simulated
 from irt.diagnosis.score import Scored, Scores
 from irt.model import Model
@@ -91,15 +91,15 @@ class Validation:
 
 
 def _held_out(one: Scored) -> HeldOut:
-    case = one.case
-    folds = np.unique(case.folds)
+    dataset = one.dataset
+    folds = np.unique(dataset.folds)
     if len(folds) < 2:
-        runs = tuple(_predicted(case, one.values, one.effects, each) for each in case.rig.recordings)
+        runs = tuple(_predicted(dataset, one.values, one.effects, each) for each in dataset.rig.recordings)
         return HeldOut(np.zeros((0, len(one.names))), runs, np.zeros(0))
     found = {int(fold): each for fold, each in zip(folds, _fitted_without(one, folds), strict=True)}
     runs = tuple(
-        _predicted(case, found.get(index, one).values, one.effects, recording)
-        for index, recording in enumerate(case.rig.recordings)
+        _predicted(dataset, found.get(index, one).values, one.effects, recording)
+        for index, recording in enumerate(dataset.rig.recordings)
     )
     scores = [np.nan if one.is_free else each.score for each in found.values()]
     return HeldOut(np.array([list(each.values.values()) for each in found.values()]), runs, np.array(scores))
@@ -112,25 +112,29 @@ def _fitted_without(one: Scored, folds: NDArray[np.int64]) -> list[Scored]:
     if MAP in one.effects or not one.is_free:
         top, problem = (one.filtered or one).top, Scores.of(one).problem(one.effects)
         tops = problem.leave_out(
-            top.values, top.noise, top.states, one.case.run_folds.tolist(), iterations=config.REFIT
+            top.values, top.noise, top.states, one.dataset.run_folds.tolist(), iterations=config.REFIT
         )
     found = [replace(one, top=top) for top in tops]
     if not one.is_free:
         return found
     return [
-        Scores(one.case.only([other for other in folds if other != fold]), one.terms).freed(each)
+        Scores(one.dataset.only([other for other in folds if other != fold]), one.terms).freed(each)
         for fold, each in zip(folds, found, strict=True)
     ]
 
 
-def _predicted(case: Case, values: Mapping[str, float], effects: tuple[str, ...], run: Recording) -> Held:
-    model = case.model(simulated(effects), values)
+def _predicted(
+    dataset: Dataset, values: Mapping[str, float], effects: tuple[str, ...], run: Recording
+) -> Held:
+    model = dataset.model(simulated(effects), values)
     # Without stamps, windows have the same number of rows for every model.
     time_scaling = (
-        1.0 if case.time_scale is not None else values["time_scale"] / np.mean(case.rig.ranges["time_scale"])
+        1.0
+        if dataset.time_scale is not None
+        else values["time_scale"] / np.mean(dataset.rig.ranges["time_scale"])
     )
     found = evaluate(model, [run], float(config.HORIZON_S * time_scaling)).runs[0]
-    if case.rig.start == "moving":
+    if dataset.rig.start == "moving":
         longer = evaluate(model, [run]).runs[0]
         if longer.windowed is not None:
             return Held(longer.windowed_prediction, longer.windowed.mae, model, found)

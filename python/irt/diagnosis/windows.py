@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.dataset import Dataset, Fitted
 from irt.engine import SUBSTEP_S
 from irt.fitting.robust import deviation
 from irt.rig import PARAMETERS, RANGES
@@ -77,11 +77,11 @@ class Windows:
     """
 
     def __init__(self, fitted: Fitted, rows: int = ROWS) -> None:
-        case, self._model = fitted.case, fitted.model
-        self._case = case
-        rows = min(rows, max(len(segment.knobs) for segment in case.segments))
-        self._inputs, self._observed, guess, self._runs = _cut(case, rows)
-        self._at_rest = np.array([case.rig.start == "rest" and first == 0 for first in self._inputs.first])
+        dataset, self._model = fitted.dataset, fitted.model
+        self._dataset = dataset
+        rows = min(rows, max(len(segment.knobs) for segment in dataset.segments))
+        self._inputs, self._observed, guess, self._runs = _cut(dataset, rows)
+        self._at_rest = np.array([dataset.rig.start == "rest" and first == 0 for first in self._inputs.first])
         self._states = estimate_start_states(self._model, self._inputs, self._observed, guess)
         self._states[self._at_rest, 2:] = 0.0
         self._predicted = simulate(self._model, self._inputs, self._states)
@@ -89,7 +89,7 @@ class Windows:
         self._coarse = self._simulated(self._states)
         residual = self._observed - self._predicted
         self._known = np.isfinite(residual)
-        scale = max(case.noise, deviation(residual))
+        scale = max(dataset.noise, deviation(residual))
         self._weights = np.where(
             self._known, 1.0 / np.maximum(1.0, np.abs(np.nan_to_num(residual)) / (_CLIP * scale)), 0.0
         )
@@ -173,7 +173,7 @@ class Windows:
             added=added,
             substeps=None if self._inputs.durations is not None else substeps,
             seed=inputs.first,
-            threads=self._case.threads,
+            threads=self._dataset.threads,
         )
 
     def _projected(self, changes: Array) -> Array:
@@ -204,11 +204,11 @@ def _orthonormal(directions: Array) -> Array:
     return found
 
 
-def _cut(case: Case, rows: int) -> tuple[Inputs, Array, Array, NDArray[np.int64]]:
+def _cut(dataset: Dataset, rows: int) -> tuple[Inputs, Array, Array, NDArray[np.int64]]:
     """Return commands, positions (w, n, 2), initial start states (w, 4) and folds of windows."""
     pieces: list[Segment] = []
     folds: list[int] = []
-    for segment, fold in zip(case.segments, case.folds, strict=True):
+    for segment, fold in zip(dataset.segments, dataset.folds, strict=True):
         pieces += [
             segment.cut(first, first + rows)
             for first in range(0, len(segment.knobs) - rows + 1, rows)
@@ -216,7 +216,9 @@ def _cut(case: Case, rows: int) -> tuple[Inputs, Array, Array, NDArray[np.int64]
         ]
         folds += [int(fold)] * (len(pieces) - len(folds))
     observed = np.array([piece.observed for piece in pieces])
-    middle = float(np.mean(case.rig.ranges["time_scale"])) if case.time_scale is None else case.time_scale
+    middle = (
+        float(np.mean(dataset.rig.ranges["time_scale"])) if dataset.time_scale is None else dataset.time_scale
+    )
     guesses = _guesses(observed, middle * SUBSTEP_S)
     return inputs_of(pieces, whole=True), observed, guesses, np.array(folds)
 

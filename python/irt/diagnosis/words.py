@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from irt.catalogue import effect
-from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.dataset import Dataset, Fitted
 from irt.diagnosis.formula import formula, variables
 from irt.diagnosis.result import UNLISTED, NamedEffect
 from irt.display import in_rows
@@ -110,13 +110,13 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
 
 
 def notes(
-    case: Case, best: Fitted, delays: Mapping[str, Parameter] | None, *, explained: bool
+    dataset: Dataset, best: Fitted, delays: Mapping[str, Parameter] | None, *, explained: bool
 ) -> Iterator[str]:
     """Yield notes on the result.
 
     Parameters
     ----------
-    case, best
+    dataset, best
         The dataset, and the selected hypothesis.
     delays : mapping or None
         Mean ``mean_s`` and standard deviation ``sd_s`` of jittered delays [s].
@@ -125,14 +125,14 @@ def notes(
     """
     if not explained and delays is None:
         yield (
-            f"The residuals are {max(best.noise / case.noise, 1.0):.1f} times the tracker's noise and are "
+            f"The residuals are {max(best.noise / dataset.noise, 1.0):.1f} times the tracker's noise and are "
             "not white: part of the mismatch was not found, or does not repeat from run to run."
         )
     if delays is not None:
         mean, spread = delays["mean_s"].value, delays["sd_s"].value
         size = f"{spread:.2g} s"
-        if case.time_scale is None:
-            size = f"{spread / case.row_s(best):.2g} rows"
+        if dataset.time_scale is None:
+            size = f"{spread / dataset.row_s(best):.2g} rows"
         yield (
             f"Delays vary from command to command by {size}, so no simulation predicts a run "
             "exactly. The model contains their mean effect, a delay and a lag. To simulate the variation, "
@@ -141,16 +141,16 @@ def notes(
         )
     if UNLISTED in best.effects:
         yield f"{LEARNED}{formula(best.value_of(UNLISTED))}."
-    if len(case.rig.recordings) == 1:
+    if len(dataset.rig.recordings) == 1:
         yield (
             "There is only one recording: nothing could be held out, so the improvement is not validated. "
             "Record at least three."
         )
-    elif len(case.rig.recordings) < _FEW:
+    elif len(dataset.rig.recordings) < _FEW:
         yield "With two recordings, an effect that fits both may be due to chance. Record at least three."
     moving = sum(
-        int((np.linalg.norm(np.diff(segment.observed, axis=0), axis=1) > 6.0 * case.noise).sum())
-        for segment in case.segments
+        int((np.linalg.norm(np.diff(segment.observed, axis=0), axis=1) > 6.0 * dataset.noise).sum())
+        for segment in dataset.segments
     )
     if moving < _STILL:
         yield (

@@ -1,4 +1,4 @@
-"""Cases with planted effects."""
+"""Datasets with planted effects."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irt.diagnosis.case import Case
+from irt.diagnosis.dataset import Dataset
 from irt.engine import SUBSTEP_S, rollouts
 from irt.recording import Recording
 from irt.rig import RANGES, Board, Marble, Rig
@@ -15,12 +15,12 @@ from irt.rig import RANGES, Board, Marble, Rig
 TRUTH = (0.06, 0.05, 4e-4, 15.0, 1.03)
 NOISE = 1e-3
 
-Plant = Callable[..., Case]
+Plant = Callable[..., Dataset]
 
 
 @pytest.fixture(scope="session")
 def plant() -> Plant:
-    """Return a function that makes a case of runs with planted effects, driven by sums of sinusoids.
+    """Return a function that makes a dataset of runs with planted effects, driven by sums of sinusoids.
 
     With `pushed`, the knobs deviate from the recorded commands by a random angle in each row, given as a
     share of the largest command.
@@ -34,8 +34,8 @@ def plant() -> Plant:
         seed: int = 0,
         stamped: bool = False,
         pushed: float = 0.0,
-        **case: Any,
-    ) -> Case:
+        **dataset: Any,
+    ) -> Dataset:
         random, chance = np.random.default_rng(seed), np.random.default_rng([seed, 1])
         stamps = TRUTH[3] * SUBSTEP_S * np.arange(rows) if stamped else None
         recordings = []
@@ -49,6 +49,6 @@ def plant() -> Plant:
             marble = marble + NOISE * random.standard_normal(marble.shape)
             recordings.append(Recording(f"run-{index}", Path(f"run-{index}.csv"), knobs, marble, stamps))
         rig = Rig(Path("rig"), Board(), Marble(), "rest", dict(RANGES), tuple(recordings))
-        return Case.of(rig, **case)
+        return Dataset.of(rig, **dataset)
 
     return planted

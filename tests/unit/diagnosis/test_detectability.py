@@ -9,9 +9,9 @@ from irt.diagnosis.score import Scores
 from irt.diagnosis.selection import Selection
 
 
-def least(case):
-    """Return the smallest detectable sizes in a case without effects; infinite if not detectable."""
-    scores = Scores(case)
+def least(dataset):
+    """Return the smallest detectable sizes in a dataset without effects; infinite if not detectable."""
+    scores = Scores(dataset)
     found = detectability(scores, scores.base())
     assert all(one.least is None or 0.0 < one.least <= one.largest for one in found)
     return {(one.effect, one.parameter): np.inf if one.least is None else one.least for one in found}

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irt.diagnosis.case import Case
+from irt.diagnosis.dataset import Dataset
 from irt.engine import rollouts
 from irt.recording import Recording
 from irt.rig import Board, Marble, Rig
@@ -25,7 +25,7 @@ LATE = {"name": "delay", "delay_s": 0.15}
 
 
 @pytest.fixture(scope="module")
-def case() -> Case:
+def dataset() -> Dataset:
     recordings = []
     for index in range(3):
         random = np.random.default_rng(index)
@@ -38,26 +38,26 @@ def case() -> Case:
         stamps = 0.2 * np.arange(len(knobs))
         path = Path(f"run-{index}.csv")
         recordings.append(Recording(f"run-{index}", path, knobs[20:], marble[20:], stamps[20:]))
-    case = Case.of(Rig(Path("rig"), BOARD, Marble(), "moving", RANGES, tuple(recordings)))
-    return replace(case, segments=tuple(segment.cut(0, 10) for segment in case.segments))
+    dataset = Dataset.of(Rig(Path("rig"), BOARD, Marble(), "moving", RANGES, tuple(recordings)))
+    return replace(dataset, segments=tuple(segment.cut(0, 10) for segment in dataset.segments))
 
 
-def loss(case: Case, effects: tuple[str, ...], values: np.ndarray, iterations: int) -> float:
+def loss(dataset: Dataset, effects: tuple[str, ...], values: np.ndarray, iterations: int) -> float:
     """Return the loss after a descent from these values, as counted by least squares [nats]."""
-    (found,) = case.problem(effects).refine(values[None], iterations=iterations)
+    (found,) = dataset.problem(effects).refine(values[None], iterations=iterations)
     residuals = np.concatenate([one.ravel() for one in found.residuals])
-    return float(2.5 * np.log1p((residuals / case.noise) ** 2 / 4.0).sum())
+    return float(2.5 * np.log1p((residuals / dataset.noise) ** 2 / 4.0).sum())
 
 
-def test_a_descent_from_the_best_fit_stays_there(case: Case) -> None:
-    best = case.fit(starts=8)
-    begun, again = (loss(case, (), best.values, iterations) for iterations in (0, 12))
+def test_a_descent_from_the_best_fit_stays_there(dataset: Dataset) -> None:
+    best = dataset.fit(starts=8)
+    begun, again = (loss(dataset, (), best.values, iterations) for iterations in (0, 12))
     assert again < begun + 3.0
 
 
-def test_what_holds_the_truth_fits_better_than_what_lacks_it(case: Case) -> None:
-    best = case.fit(starts=8)
-    late = loss(case, ("delay",), np.append(best.values, 0.005), 40)
-    assert late < loss(case, (), best.values, 12) - 100.0
-    (found,) = case.problem(("delay",)).refine(np.append(best.values, 0.005)[None], iterations=40)
+def test_what_holds_the_truth_fits_better_than_what_lacks_it(dataset: Dataset) -> None:
+    best = dataset.fit(starts=8)
+    late = loss(dataset, ("delay",), np.append(best.values, 0.005), 40)
+    assert late < loss(dataset, (), best.values, 12) - 100.0
+    (found,) = dataset.problem(("delay",)).refine(np.append(best.values, 0.005)[None], iterations=40)
     assert found.values[-1] == pytest.approx(0.15, abs=0.03)

@@ -5,7 +5,7 @@ import pytest
 
 from irt.catalogue import effect
 from irt.diagnosis import intervals
-from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.dataset import Dataset, Fitted
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scores
 from irt.diagnosis.validation import Validation
@@ -18,9 +18,9 @@ TRUTH = dict(zip(PARAMETERS, (0.06, 0.05, 4e-4, 15.0, 1.03), strict=True)) | {"v
 SLOWED = (0.06, 0.05, 4e-4, 20.0, 1.0)
 
 
-def parameters(case):
+def parameters(dataset):
     """Return the intervals of a planted drag, fitted from near the truth."""
-    scores = Scores(case)
+    scores = Scores(dataset)
     base = scores.base()
     values = np.append(base.top.values, 0.5)[None]
     (one,) = scores.ascend(("viscous_drag",), values, base.noise[None], base.top.states, iterations=25)
@@ -64,8 +64,8 @@ def test_recordings_that_disagree_widen_the_interval(plant):
         plant([{**DRAG, "rate_per_s": rate}], runs=5, stamped=True).rig.recordings[index]
         for index, rate in enumerate(rates)
     ]
-    differing = Case.of(_with(alike.rig, runs))
-    same, other = (parameters(case)["viscous_drag.rate_per_s"] for case in (alike, differing))
+    differing = Dataset.of(_with(alike.rig, runs))
+    same, other = (parameters(dataset)["viscous_drag.rate_per_s"] for dataset in (alike, differing))
     assert other.high - other.low > 3.0 * (same.high - same.low)
     assert other.low <= 0.8 <= other.high
 

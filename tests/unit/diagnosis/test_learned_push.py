@@ -21,24 +21,24 @@ def wave(**changes):
     return {"name": UNLISTED, **values}
 
 
-def likely(case):
-    base = case.fit()
+def likely(dataset):
+    base = dataset.fit()
     return likely_terms(base, motion_seen(base), ())
 
 
-def likeliest(case):
-    return likely(case)[0]
+def likeliest(dataset):
+    return likely(dataset)[0]
 
 
-def learned(case):
+def learned(dataset):
     """Return the five-parameter model, without and with a learned correction."""
-    base = Scores(case).base()
+    base = Scores(dataset).base()
     return base, learn(base, quiet)
 
 
 def test_a_wave_over_the_board_is_found_with_its_length(plant):
-    case = plant([wave()], runs=6)
-    first = likeliest(case)
+    dataset = plant([wave()], runs=6)
+    first = likeliest(dataset)
     assert first.variable == "position"
     assert np.hypot(first.values["wave_1_x_per_m"], first.values["wave_1_y_per_m"]) == pytest.approx(
         100.0, rel=0.1
@@ -47,10 +47,10 @@ def test_a_wave_over_the_board_is_found_with_its_length(plant):
 
 def test_a_push_that_comes_and_goes_with_time_is_found_with_its_rate(plant):
     gust = {"name": UNLISTED, "push_1_y_m_per_s2": 0.02, "rate_1_per_s": 9.0}
-    case = plant([gust], runs=6)
-    first = likeliest(case)
+    dataset = plant([gust], runs=6)
+    first = likeliest(dataset)
     assert first.variable == "time"
-    time_scale = case.fit().values[3]
+    time_scale = dataset.fit().values[3]
     # Without stamps time is known up to the time scale.
     assert first.values["rate_1_per_s"] * time_scale == pytest.approx(9.0 * 15.0, rel=0.1)
 
@@ -62,14 +62,14 @@ def test_a_push_by_the_tilt_is_found(plant):
         "tilt_1_x_per_rad": 300.0,
         "tilt_1_y_per_rad": 200.0,
     }
-    case = plant([swing], runs=6)
-    first = likeliest(case)
+    dataset = plant([swing], runs=6)
+    first = likeliest(dataset)
     assert first.variable == "command"
 
 
 def test_drag_is_a_power_of_the_speed(plant):
-    case = plant([{"name": "viscous_drag", "rate_per_s": 1.0}], runs=6, rows=120)
-    first = likeliest(case)
+    dataset = plant([{"name": "viscous_drag", "rate_per_s": 1.0}], runs=6, rows=120)
+    first = likeliest(dataset)
     assert first.variable == "velocity"
     assert first.values["drag_strength"] > 0.0
     assert first.values["drag_power"] in {0.5, 1.0, 1.5}
@@ -141,14 +141,14 @@ def test_what_is_planted_is_learned_first_and_needs_no_push(plant, planted, fami
     assert found.terms[0].family == family
     assert found.effects == (UNLISTED,)
     assert found.score > base.score + config.SURE
-    assert Scores.of(found).push(found) < Scores(base.case).push(base)
+    assert Scores.of(found).push(found) < Scores(base.dataset).push(base)
     assert found.fitted.noise < base.fitted.noise
 
 
 @pytest.mark.slow
 def test_what_is_learned_simulates_and_leaves_noise(plant):
     base, found = learned(plant([wave()], runs=6, stamped=True))
-    assert found.fitted.noise < 1.3 * base.case.noise < base.fitted.noise
+    assert found.fitted.noise < 1.3 * base.dataset.noise < base.fitted.noise
     values = found.fitted.value_of(UNLISTED)
     assert set(values) == {one.name for one in effect(UNLISTED).parameters}
     assert values["push_1_x_m_per_s2"] == pytest.approx(0.02, rel=0.2)
@@ -163,7 +163,7 @@ def test_what_is_left_of_a_first_wave_is_learned_next(plant):
     second = {"push_2_y_m_per_s2": 0.006, "wave_2_y_per_m": 100.0}
     _, found = learned(plant([{"name": UNLISTED, **first, **second}], runs=6, stamped=True))
     assert len(found.terms) == 2
-    assert found.fitted.noise < 1.3 * found.case.noise
+    assert found.fitted.noise < 1.3 * found.dataset.noise
     assert variables(found.fitted.value_of(UNLISTED)) == ["position"]
 
 

@@ -32,8 +32,8 @@ WAVE = {"name": UNLISTED, "push_1_x_m_per_s2": 0.02, "wave_1_x_per_m": 100.0, "p
     ids=["drag", "delay", "coupling", "warp", "wave"],
 )
 def test_the_push_depends_on_what_was_left_out(plant, planted, variable):
-    case = plant([planted], runs=6, rows=120, stamped=True)
-    needed = Needed(Scores(case).base())
+    dataset = plant([planted], runs=6, rows=120, stamped=True)
+    needed = Needed(Scores(dataset).base())
     first = needed.dependences[0]
     assert first.variable == variable
     assert first.p_value < 0.01

@@ -15,8 +15,8 @@ DELAY = {"name": "delay", "delay_s": 0.15}
 ASKED = ("delay", "lag", "backlash", "tilt_bias", "viscous_drag", "bump")
 
 
-def judged(case):
-    selection = Selection(Scores(case), ASKED, lambda _: None)
+def judged(dataset):
+    selection = Selection(Scores(dataset), ASKED, lambda _: None)
     posterior = selection.run()
     return posterior.best, Relevance(selection, posterior)
 
@@ -29,7 +29,7 @@ def test_every_effect_that_is_kept_is_lost_without(plant):
     assert set(kept.effects) == {"delay", "tilt_bias"}
     found, _ = relevance.parameters(kept)
     for name in kept.effects:
-        assert relevance.loss(kept, name) >= config.MATTERS * kept.case.noise
+        assert relevance.loss(kept, name) >= config.MATTERS * kept.dataset.noise
         sizes = [(found[f"{name}.{one.name}"], one.neutral) for one in effect(name).required]
         assert any(not one.low <= neutral <= one.high for one, neutral in sizes)
 
@@ -72,8 +72,8 @@ class FreeRunsPredictBest(Validation):
 
 @pytest.mark.parametrize("undone", [False, True])
 def test_values_from_free_runs_that_undo_an_effect_are_rejected(plant, monkeypatch, undone):
-    case = plant([DELAY], runs=4, rows=60, stamped=True, pushed=0.1)
-    selection = Selection(Scores(case), ("delay",), lambda _: None, FreeRunsPredictBest())
+    dataset = plant([DELAY], runs=4, rows=60, stamped=True, pushed=0.1)
+    selection = Selection(Scores(dataset), ("delay",), lambda _: None, FreeRunsPredictBest())
     posterior = selection.run()
     best, relevance = posterior.best, Relevance(selection, posterior)
     assert best.effects == ("delay",)

@@ -202,10 +202,10 @@ def test_one_recording_is_diagnosed_and_not_proved(plant):
 
 
 def test_a_model_predicts_its_own_twins_as_well_as_noise_allows(plant):
-    case = plant(stamped=True)
-    model = case.fit().model
-    twins = twins_of(case.rig, model, 2e-3, 0)
+    dataset = plant(stamped=True)
+    model = dataset.fit().model
+    twins = twins_of(dataset.rig, model, 2e-3, 0)
     # The observed start contains noise too.
     assert evaluate(model, twins).mae == pytest.approx(2e-3 * np.sqrt(2.0) * np.sqrt(2.0 / np.pi), rel=0.15)
-    for twin, recording in zip(twins, case.rig.recordings, strict=True):
+    for twin, recording in zip(twins, dataset.rig.recordings, strict=True):
         np.testing.assert_array_equal(twin.knobs, recording.knobs)

@@ -11,8 +11,8 @@ from irt.diagnosis.screening import Screening, draws, place_of
 ASKED = ("viscous_drag", "tilt_bias", "backlash", "lag", "parallax", "bump", "stribeck")
 
 
-def screened(case):
-    scores = Scores(case)
+def screened(dataset):
+    scores = Scores(dataset)
     return Screening(scores, scores.base())
 
 
@@ -26,8 +26,8 @@ def screened(case):
     ],
 )
 def test_the_effect_that_acts_promises_about_most(plant, name, values):
-    case = plant([{"name": name, **values}], runs=6, stamped=True)
-    promises = screened(case).promises(ASKED)
+    dataset = plant([{"name": name, **values}], runs=6, stamped=True)
+    promises = screened(dataset).promises(ASKED)
     # A lagging board resembles a picture that rotates with the tilt.
     assert name in [one.name for one in promises[:2]]
     (own,) = [one for one in promises if one.name == name]

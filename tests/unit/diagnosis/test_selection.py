@@ -7,7 +7,7 @@ import pytest
 
 from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.case import Case
+from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.hypotheses import MAP, hypotheses
 from irt.diagnosis.score import KICK, LASTING, PULL, PUSH, Scores, mean_delay
 from irt.diagnosis.screening import Screening
@@ -27,9 +27,9 @@ def quiet(_text: str) -> None:
     """Ignore progress."""
 
 
-def select(case):
+def select(dataset):
     """Return the scores and the posterior of a search over all effects."""
-    scores = Scores(case)
+    scores = Scores(dataset)
     return scores, Selection(scores, hypotheses(), quiet).run()
 
 
@@ -150,11 +150,11 @@ def test_a_filter_goes_through_whole_recordings_of_a_marble_in_motion(plant):
         replace(one, knobs=one.knobs[gone:], marble=one.marble[gone:], stamps=one.stamps[gone:])
         for one in planted.rig.recordings
     )
-    case = Case.of(replace(planted.rig, start="moving", recordings=cut))
-    assert [len(one.knobs) for one in case.runs] == [rows - gone] * 4
-    assert len(case.segments) > len(case.runs)
-    assert list(case.only([1, 3]).run_folds) == [1, 3]
-    scores = Scores(case)
+    dataset = Dataset.of(replace(planted.rig, start="moving", recordings=cut))
+    assert [len(one.knobs) for one in dataset.runs] == [rows - gone] * 4
+    assert len(dataset.segments) > len(dataset.runs)
+    assert list(dataset.only([1, 3]).run_folds) == [1, 3]
+    scores = Scores(dataset)
     posterior = Selection(scores, ["delay", "lag", "viscous_drag", "point_field"], quiet).run()
     assert posterior.best.effects == ("viscous_drag",)
-    assert len(posterior.best.top.states) == len(case.runs)
+    assert len(posterior.best.top.states) == len(dataset.runs)

@@ -11,9 +11,9 @@ from irt.diagnosis.selection import Posterior, Selection
 from irt.diagnosis.ties import exchanged, reason, ties
 
 
-def tied(case, asked=None):
+def tied(dataset, asked=None):
     """Return the answer and the ties of its effects; by default all effects are searched."""
-    posterior = Selection(Scores(case), asked or hypotheses(), lambda _: None).run()
+    posterior = Selection(Scores(dataset), asked or hypotheses(), lambda _: None).run()
     return posterior.best, ties(posterior, posterior.best)
 
 

@@ -12,9 +12,9 @@ from irt.segments import segments
 DRAG = {"name": "viscous_drag", "rate_per_s": 0.8}
 
 
-def fitted(case):
+def fitted(dataset):
     """Return the planted drag, fitted to all recordings."""
-    scores = Scores(case)
+    scores = Scores(dataset)
     base = scores.base()
     begin = np.append(base.top.values, 0.5)[None]
     (found,) = scores.ascend(("viscous_drag",), begin, base.noise[None], base.top.states, iterations=25)
@@ -22,12 +22,12 @@ def fitted(case):
 
 
 def with_marble(one, index, marble):
-    """Return a set in a case where one recording has other marble positions."""
-    runs = list(one.case.rig.recordings)
+    """Return a set in a dataset where one recording has other marble positions."""
+    runs = list(one.dataset.rig.recordings)
     runs[index] = replace(runs[index], marble=marble)
-    rig = replace(one.case.rig, recordings=tuple(runs))
+    rig = replace(one.dataset.rig, recordings=tuple(runs))
     whole = tuple(segments(rig))
-    return replace(one, case=replace(one.case, rig=rig, segments=whole, runs=whole))
+    return replace(one, dataset=replace(one.dataset, rig=rig, segments=whole, runs=whole))
 
 
 @pytest.mark.parametrize("free", [False, True], ids=["filter", "free runs"])
@@ -35,7 +35,7 @@ def with_marble(one, index, marble):
 def test_what_was_seen_of_a_recording_has_no_part_in_the_fit_that_predicts_it(plant, free, stamped):
     one = fitted(plant([DRAG], runs=3, rows=60, stamped=stamped))
     one = Scores.of(one).freed(one) if free else one
-    marble = one.case.rig.recordings[1].marble
+    marble = one.dataset.rig.recordings[1].marble
     elsewhere = marble.copy()
     elsewhere[1:] += np.linspace(0.0, 0.03, len(marble) - 1)[:, None]
     before, after = (Validation().of(each) for each in (one, with_marble(one, 1, elsewhere)))
@@ -54,8 +54,8 @@ def test_recordings_held_out_are_predicted_as_well_as_noise_allows(plant):
     assert held.is_proof
     assert held.values.shape == (5, len(one.names))
     # The tracker's errors in a row and in the start.
-    assert held.mae < 2.0 * np.sqrt(2.0 / np.pi) * one.case.noise
-    base = Validation().of(Scores(one.case).base())
+    assert held.mae < 2.0 * np.sqrt(2.0 / np.pi) * one.dataset.noise
+    base = Validation().of(Scores(one.dataset).base())
     assert base.mae > 2.0 * held.mae
 
 

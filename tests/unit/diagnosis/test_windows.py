@@ -8,9 +8,9 @@ from irt.diagnosis.windows import Windows
 PARALLAX = {"name": "parallax", "height_m_per_rad": 0.4}
 
 
-def misfit(case):
+def misfit(dataset):
     """Return the sum of squared residuals, and the range of that of nulls."""
-    misfits, nulls = Windows(case.fit()).squared(99, 0, case.noise)
+    misfits, nulls = Windows(dataset.fit()).squared(99, 0, dataset.noise)
     return misfits.sum(), nulls.sum(axis=1)
 
 
@@ -26,11 +26,11 @@ def test_what_a_model_lacks_leaves_more_than_noise_ever_does(plant):
 
 
 def test_windows_are_cut_from_the_recordings(plant):
-    case = plant(rows=80)
-    windows = Windows(case.fit(), 20).windows()
+    dataset = plant(rows=80)
+    windows = Windows(dataset.fit(), 20).windows()
     assert len(windows) == 4 * 4
     for one in windows:
-        recording = case.rig.recordings[one.run]
+        recording = dataset.rig.recordings[one.run]
         own = slice(one.first, one.first + 20)
         np.testing.assert_array_equal(one.knobs, recording.knobs[own])
         np.testing.assert_allclose(one.place + one.residual, recording.marble[own], atol=1e-12)
@@ -40,7 +40,7 @@ def test_windows_are_cut_from_the_recordings(plant):
 
 
 def test_the_same_seed_makes_the_same_nulls(plant):
-    case = plant(runs=2)
-    windows = Windows(case.fit())
-    first, second = (windows.squared(5, 3, case.noise)[1] for _ in range(2))
+    dataset = plant(runs=2)
+    windows = Windows(dataset.fit())
+    first, second = (windows.squared(5, 3, dataset.noise)[1] for _ in range(2))
     np.testing.assert_array_equal(first, second)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnosis.case import Case
+from irt.diagnosis.dataset import Dataset
 from irt.engine import SUBSTEP_S
 from irt.model import Model, load_model
 from irt.recording import Recording, load_recording
@@ -102,8 +102,8 @@ Method = Callable[[Task], Entry]
 
 def refitted(rig: Rig) -> Model:
     """Return five parameters fitted to a rig."""
-    case = Case.of(rig, threads=1)
-    return case.fit().model
+    dataset = Dataset.of(rig, threads=1)
+    return dataset.fit().model
 
 
 def predicted(model: Model, tests: Sequence[Recording]) -> dict[str, Array]:

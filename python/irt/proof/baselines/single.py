@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import EffectParameter, effect, hypothetical
-from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.dataset import Dataset, Fitted
 from irt.proof.baselines.entry import Entry, Task, predicted
 
 Array = NDArray[np.float64]
@@ -26,9 +26,9 @@ SIZES = (0.02, 0.15, 0.5)
 
 def enter(task: Task) -> Entry:
     """Fit every effect of the catalogue, and name the one with the smallest training error."""
-    case = Case.of(task.rig, threads=1)
-    base = case.fit()
-    fits = [case.fit((one.name,), points=starts(one.name, base), rounds=1) for one in hypothetical()]
+    dataset = Dataset.of(task.rig, threads=1)
+    base = dataset.fit()
+    fits = [dataset.fit((one.name,), points=starts(one.name, base), rounds=1) for one in hypothetical()]
     best = min(fits, key=training_error)
     return Entry(detected=True, named=best.effects, predictions=predicted(best.model, task.tests))
 

@@ -29,7 +29,7 @@ class Fitted:
 
     Attributes
     ----------
-    case : Case
+    dataset : Dataset
         The dataset.
     effects : tuple of str
         The added effects, in the order of addition.
@@ -43,7 +43,7 @@ class Fitted:
         Robust standard deviation of the residuals [board edges].
     """
 
-    case: Case
+    dataset: Dataset
     effects: tuple[str, ...]
     names: tuple[str, ...]
     values: Array
@@ -51,11 +51,13 @@ class Fitted:
     noise: float
 
     @classmethod
-    def of(cls, case: Case, effects: Sequence[str], problem: Problem, found: Solution | Refined) -> Fitted:
+    def of(
+        cls, dataset: Dataset, effects: Sequence[str], problem: Problem, found: Solution | Refined
+    ) -> Fitted:
         """Return the fit from the engine's solution of a problem."""
         residuals = tuple(found.residuals)
         noise = deviation(np.concatenate([residual.ravel() for residual in residuals]))
-        return cls(case, tuple(effects), problem.names, found.values, residuals, noise)
+        return cls(dataset, tuple(effects), problem.names, found.values, residuals, noise)
 
     @property
     def by_name(self) -> dict[str, float]:
@@ -65,7 +67,7 @@ class Fitted:
     @property
     def model(self) -> Model:
         """The simulator."""
-        return self.case.model(self.effects, self.by_name)
+        return self.dataset.model(self.effects, self.by_name)
 
     def of_effects(self) -> dict[str, float]:
         """Return the values of the effects' parameters by ``effect.parameter``."""
@@ -79,7 +81,7 @@ class Fitted:
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class Dataset:
     """The dataset of a diagnosis: recordings of a rig, and settings of their simulation.
 
     Attributes
@@ -119,8 +121,8 @@ class Case:
     held: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, rig: Rig, *, seed: int = 0, threads: int | None = None) -> Case:
-        """Return the case of a rig.
+    def of(cls, rig: Rig, *, seed: int = 0, threads: int | None = None) -> Dataset:
+        """Return the dataset of a rig.
 
         Raises
         ------
@@ -143,8 +145,8 @@ class Case:
             threads=threads,
         )
 
-    def only(self, folds: Sequence[int]) -> Case:
-        """Return the case restricted to the given folds."""
+    def only(self, folds: Sequence[int]) -> Dataset:
+        """Return the dataset restricted to the given folds."""
         keep, stay = np.isin(self.folds, folds), np.isin(self.run_folds, folds)
         return replace(
             self,
@@ -154,8 +156,8 @@ class Case:
             run_folds=self.run_folds[stay],
         )
 
-    def holding(self, name: str, values: Mapping[str, float]) -> Case:
-        """Return the case with parameters of an effect held at these values."""
+    def holding(self, name: str, values: Mapping[str, float]) -> Dataset:
+        """Return the dataset with parameters of an effect held at these values."""
         return replace(self, held={**self.held, name: values})
 
     def problem(self, effects: Sequence[str]) -> Problem:
