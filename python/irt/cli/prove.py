@@ -20,7 +20,6 @@ HELP = "hide effects in rigs of another engine, diagnose them blind, open the se
 
 #: Rigs with and without hidden physics: of the quick proof, and of the full one.
 _QUICK, _FULL = (9, 3), (300, 300)
-_NEEDED = ("pybullet", "cryptography")
 #: What tracks the marble in rendered pictures, and the share of the rigs of the quick proof that it tracks.
 _TRACKER, _WATCHED = "irt.tracking:positions", "0.15"
 
@@ -119,8 +118,8 @@ def _verified(out: Path) -> str:
     if seal.is_real(out):
         return seal.verify(out)
     rigs = hash_chain.verify(out)
-    if (out / "seals").is_dir():
-        return f"{rigs} rigs: labels, recordings and answers are unchanged since they were sealed"
+    if (out / "opened").is_dir():
+        return f"{rigs} rigs: labels, recordings and answers are unchanged since they were committed to"
     return f"{rigs} rigs: plan, commitments, manifest and keys fit; recordings and answers are elsewhere"
 
 
@@ -217,7 +216,7 @@ def _world(*, thirds: bool) -> list[str]:
     """
     from irt.extras import require
 
-    for package in (*_NEEDED, "mujoco") if thirds else _NEEDED:
+    for package in ("pybullet", "mujoco") if thirds else ("pybullet",):
         require(package, "irt prove")
     how = ("--thirds", _TRACKER) if thirds else ("--tracker", _TRACKER, _WATCHED)
     return [sys.executable, "-m", "irt.proof.pybullet_world", *how]

@@ -16,7 +16,7 @@ from irt.errors import IrtError
 from irt.files import read_json
 from irt.model import Model, load_model
 from irt.proof.blind import SECONDS
-from irt.proof.plan import SIZES
+from irt.proof.plan import group_of
 from irt.recording import Recording, load_recording
 from irt.residual import free_run_error
 from irt.segments import LEAD_ROWS
@@ -185,26 +185,6 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
 def label_of(opened: Path) -> dict[str, Any]:
     """Return the opened label of a rig."""
     return read_json(opened / "label.json")
-
-
-def group_of(label: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
-    """Return the kind of a rig and its hidden physics.
-
-    Raises
-    ------
-    IrtError
-        If the label is not of a known kind.
-    """
-    kind = label["kind"]
-    if isinstance(kind, list | tuple):
-        names = tuple(str(one) for one in kind)
-        groups = {size: group for group, size in SIZES.items()}
-        if len(names) not in groups:
-            raise IrtError(f"a label names {len(names)} effects; one to {max(groups)} were expected")
-        return groups[len(names)], names
-    if kind in ("none", "outliers"):
-        return str(kind), ()
-    return (UNLISTED if str(kind).startswith(UNLISTED) else "single"), (str(kind),)
 
 
 def naming(group: str, kinds: Sequence[str], diagnosis: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,8 @@ import pytest
 from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.model import Effect, Model, save_model
-from irt.proof.score import Errors, group_of, intervals, matched, naming, score_rig
+from irt.proof.plan import group_of
+from irt.proof.score import Errors, intervals, matched, naming, score_rig
 from irt.recording import Recording
 from irt.rig import RANGES, Board, Marble, Rig
 
