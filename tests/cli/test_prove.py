@@ -96,7 +96,10 @@ def test_verify_finds_what_was_altered(irt, proved: tuple[Path, str]) -> None:
     out, _ = proved
     done = irt("prove", "--verify", "--out", out)
     assert (done.status, done.err) == (0, "")
-    assert done.out == f"{out}: 2 rigs: labels, recordings and answers are unchanged since they were committed to\n"
+    assert (
+        done.out
+        == f"{out}: 2 rigs: labels, recordings and answers are unchanged since they were committed to\n"
+    )
     path = out / "answers" / "rig-0002" / "diagnosis.json"
     was = path.read_bytes()
     path.write_bytes(was.replace(b"sufficient", b"missing"))

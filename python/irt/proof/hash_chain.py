@@ -111,7 +111,9 @@ def commit(places: Places, names: list[str], secret: Secret) -> None:
     """Write the commitments to all rigs."""
     content = {
         "plan": digest(places.plan.read_bytes()),
-        "commitments": {name: commitment(secret.nonce, name, read_json(places.label(name))) for name in names},
+        "commitments": {
+            name: commitment(secret.nonce, name, read_json(places.label(name))) for name in names
+        },
         "recordings": {name: digests(places.rig(name)) for name in names},
     }
     write_atomic(places.commitments, canonical(content))
@@ -164,29 +166,33 @@ def verify(out: Path) -> int:
     for before, path in pairwise(places.out / name for name in CHAIN):
         if read_json(path)[before.stem] != digest(before.read_bytes()):
             raise IrtError(f"{before}: not the one that {path.name} is of: one of them was altered")
-    committed = read_json(places.commitments)
-    if names != list(committed["commitments"]):
+    if names != list(read_json(places.commitments)["commitments"]):
         raise IrtError(f"{places.commitments}: not the rigs of the plan: one of them was altered")
-    secret = Secret(*(read_json(places.keys)[name] for name in ("seed", "nonce")))
+    keys = read_json(places.keys)
+    secret = Secret(keys["seed"], keys["nonce"])
     if published["seed"] != secret.commitment:
         raise IrtError(f"{places.keys}: not the seed that the plan is committed to: it was altered")
-    if not places.opened(names[0]).parent.is_dir():
-        return plan.rigs
-    answers = read_json(places.manifest)["answers"]
-    for name, kind in zip(names, plan.order(secret.seed), strict=True):
-        label = read_json(places.opened(name) / "label.json")
-        if answers.get(name) != digests(places.answer(name)):
-            raise IrtError(f"{name}: the answer is not the one of the manifest: it was altered afterwards")
-        if commitment(secret.nonce, name, label) != committed["commitments"][name]:
-            raise IrtError(f"{name}: the label does not fit its published commitment: one was altered")
-        if digests(places.opened(name)) != {one: digest(data) for one, data in _opened(label).items()}:
-            raise IrtError(f"{name}: the held-out runs are not those of the label: they were altered")
-        if committed["recordings"][name] != digests(places.rig(name)):
-            raise IrtError(f"{name}: its recordings are not those that were committed to: they were altered")
-        _check_code(places, name)
-        if group_of(label)[0] != kind:
-            raise IrtError(f"{name}: its label is not of the kind that plan and seed give it")
+    if places.opened(names[0]).parent.is_dir():
+        for name, kind in zip(names, plan.order(secret.seed), strict=True):
+            _check_rig(places, name, kind, secret)
     return plan.rigs
+
+
+def _check_rig(places: Places, name: str, kind: str, secret: Secret) -> None:
+    """Raise unless label, held-out runs, recordings and answer of a rig are those of the chain."""
+    committed, answers = read_json(places.commitments), read_json(places.manifest)["answers"]
+    label = read_json(places.opened(name) / "label.json")
+    if answers.get(name) != digests(places.answer(name)):
+        raise IrtError(f"{name}: the answer is not the one of the manifest: it was altered afterwards")
+    if committed["commitments"][name] != commitment(secret.nonce, name, label):
+        raise IrtError(f"{name}: the label does not fit its published commitment: one of them was altered")
+    if digests(places.opened(name)) != {one: digest(data) for one, data in _opened(label).items()}:
+        raise IrtError(f"{name}: the held-out runs are not those of the label: they were altered")
+    if committed["recordings"][name] != digests(places.rig(name)):
+        raise IrtError(f"{name}: its recordings are not those that were committed to: they were altered")
+    _check_code(places, name)
+    if group_of(label)[0] != kind:
+        raise IrtError(f"{name}: its label is not of the kind that plan and seed give it")
 
 
 def _check_code(places: Places, name: str) -> None:

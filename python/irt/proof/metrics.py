@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from irt.diagnosis.result import UNLISTED
-from irt.proof.plan import NULLS, SIZES
+from irt.proof.plan import NULLS, SEVERAL, SIZES
 from irt.proof.score import NOTHING, RigScore, matched
 
 #: Edges of the bins of signal over noise.
@@ -156,7 +156,7 @@ def nulls(scores: Iterable[RigScore]) -> list[RigScore]:
 
 def of_catalogue(scores: Iterable[RigScore]) -> list[RigScore]:
     """Return the rigs with hidden effects of the catalogue."""
-    return [one for one in scores if one.group in SIZES]
+    return [one for one in scores if one.group in (*SIZES, SEVERAL)]
 
 
 def in_group(scores: Iterable[RigScore], group: str) -> list[RigScore]:
@@ -187,6 +187,26 @@ def coverage(scores: Iterable[RigScore], *, of_effects: bool | None = None) -> t
     ]
     closed = [held for held in outcomes if held != "open"]
     return Rate(closed.count("yes"), len(closed)), len(outcomes) - len(closed)
+
+
+@dataclass(frozen=True)
+class Decile:
+    """Inclusion probabilities in a tenth of the range: their mean, and how many of the effects act."""
+
+    mean: float
+    rate: Rate
+
+
+def calibration(scores: Iterable[RigScore]) -> list[Decile]:
+    """Return how often effects act to which a diagnosis gave a probability, by deciles that have any."""
+    pairs = [(value, name in one.kinds) for one in scores for name, value in one.inclusion.items()]
+    found = []
+    for decile in range(10):
+        among = [pair for pair in pairs if min(int(10 * pair[0]), 9) == decile]
+        if among:
+            mean = float(np.mean([value for value, _ in among]))
+            found.append(Decile(mean, Rate(sum(true for _, true in among), len(among))))
+    return found
 
 
 def gaps(scores: Iterable[RigScore]) -> list[float]:

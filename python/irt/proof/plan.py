@@ -14,6 +14,7 @@ from irt.errors import IrtError
 
 #: Kinds that hide effects of the catalogue, with their numbers.
 SIZES = {"single": 1, "pair": 2, "triple": 3}
+SEVERAL = "several"
 NULLS = ("none", "outliers")
 #: Shares of the kinds among rigs with hidden physics, and among those without.
 _HIDDEN = {"single": 0.5, "pair": 0.2, "triple": 0.1, "unlisted": 0.2}
@@ -84,20 +85,11 @@ class Plan:
 
 
 def group_of(label: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
-    """Return the kind of a rig and its hidden physics.
-
-    Raises
-    ------
-    IrtError
-        If the label is not of a known kind.
-    """
+    """Return the kind of a rig and its hidden physics; "several" for more effects than a plan knows."""
     kind = label["kind"]
     if isinstance(kind, list | tuple):
         names = tuple(str(one) for one in kind)
-        groups = {size: group for group, size in SIZES.items()}
-        if len(names) not in groups:
-            raise IrtError(f"a label names {len(names)} effects; one to {max(groups)} were expected")
-        return groups[len(names)], names
+        return next((group for group, size in SIZES.items() if size == len(names)), SEVERAL), names
     if kind in NULLS:
         return str(kind), ()
     return (UNLISTED if str(kind).startswith(UNLISTED) else "single"), (str(kind),)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from irt.engine import rollouts
-from irt.errors import IrtError
 from irt.model import Effect, Model, save_model
 from irt.proof.plan import group_of
 from irt.proof.score import Errors, intervals, matched, naming, score_rig
@@ -75,9 +74,11 @@ def test_a_name_stands_for_one_effect() -> None:
     assert matched(["lag", "delay"], {"x": ["lag", "delay"], "lag": []}) == {"lag": "lag", "delay": "x"}
 
 
-def test_four_hidden_effects_are_no_label() -> None:
-    with pytest.raises(IrtError, match="names 4 effects; one to 3 were expected"):
-        group_of({"kind": ["a", "b", "c", "d"]})
+@pytest.mark.parametrize(
+    ("kind", "group"), [(["a"], "single"), (["a", "b", "c"], "triple"), (["a", "b", "c", "d"], "several")]
+)
+def test_labels_of_several_effects(kind: list[str], group: str) -> None:
+    assert group_of({"kind": kind}) == (group, tuple(kind))
 
 
 def test_intervals_of_what_is_known() -> None:
