@@ -19,6 +19,8 @@ NULLS = ("none", "outliers")
 #: Shares of the kinds among rigs with hidden physics, and among those without.
 _HIDDEN = {"single": 0.5, "pair": 0.2, "triple": 0.1, "unlisted": 0.2}
 _NOTHING = {"none": 0.9, "outliers": 0.1}
+#: Rigs with and without hidden physics in the full proof.
+FULL = (300, 300)
 #: Worlds of a full proof, which take turns by the index of a rig; each gets a third of each kind.
 WORLDS = 3
 
