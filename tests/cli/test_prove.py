@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from irt.errors import IrtError
+
 ROOT = Path(__file__).resolve().parents[2]
 WORLD = f"{sys.executable} {ROOT / 'tests' / 'unit' / 'proof' / 'fake_world.py'}"
 TINY = ("--rigs", "1", "--nulls", "1", "--seed", "3", "--jobs", "1", "--world", WORLD)
@@ -41,7 +43,7 @@ def env() -> dict[str, str]:
 def test_it_hides_diagnoses_and_scores(proved: tuple[Path, str]) -> None:
     out, said = proved
     assert said.startswith("1 rig with hidden physics and 1 without, diagnosed blind: ")
-    assert "false alarms: 0.000 (0.000 to 0.793), floor at most 2 %, over 1\n" in said
+    assert "false alarms: 0.000 (0.000 to 0.793), floor at most 1 %, over 1\n" in said
     assert said.endswith(f"wrote {out / 'proof.md'}\n")
     scores = json.loads((out / "proof" / "scores.json").read_text())
     assert {one["group"]: one["verdict"] for one in scores["rigs"]} == {
@@ -84,7 +86,18 @@ def test_a_full_proof_names_its_commit_and_publishes_the_chain(irt, monkeypatch,
     words = ("--rigs", "0", "--nulls", "1", "--jobs", "1", "--world", WORLD, "--out", tmp_path / "out")
     done = irt("prove", "--full", *words, "--page", page)
     assert (done.status, done.err) == (0, "")
-    assert "| commit | 0123abc |" in page.read_text()
+    text = page.read_text()
+    assert "| commit | 0123abc |" in text
+    assert "With 0 rigs with hidden physics and 1 without, this proof is smaller than the full proof" in text
+
+    def changed() -> str:
+        raise IrtError("docs/proof.md was changed since")
+
+    monkeypatch.setattr("irt.proof.provenance.clean_commit", changed)
+    again = irt("prove", "--full", *words, "--page", page)
+    assert (again.status, page.read_text()) == (0, text)
+    fresh = irt("prove", "--full", *words[:-1], tmp_path / "fresh")
+    assert (fresh.status, fresh.err) == (1, "irt: docs/proof.md was changed since\n")
     checked = irt("prove", "--verify", "--out", page.with_suffix(""))
     assert checked.out.endswith(
         "proof: 1 rigs: plan, commitments, manifest and keys fit; recordings and answers are elsewhere\n"

@@ -152,6 +152,7 @@ def _prove_real(args: argparse.Namespace) -> None:
 def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
     """Run the remaining steps; return the scores and their page."""
     from irt.cli.progress import progress_bar
+    from irt.proof.hash_chain import Places
     from irt.proof.plan import FULL, Plan
     from irt.proof.provenance import clean_commit, this_code
     from irt.proof.results import Results
@@ -161,7 +162,9 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
 
     hidden, nulls = FULL if args.full else _QUICK
     plan = Plan.of(hidden if args.rigs is None else args.rigs, nulls if args.nulls is None else args.nulls)
-    commit = clean_commit() if args.full else ""
+    # A finished proof may be scored again, after its own page has changed the checkout.
+    finished = Places(args.out).keys.exists()
+    commit = clean_commit() if args.full and not finished else ""
     world = shlex.split(args.world) if args.world else _world(thirds=args.full)
     jobs = args.jobs or os.cpu_count() or 1
     try:

@@ -142,8 +142,17 @@ def _files(settings: Mapping[str, str], chain: Sequence[Path]) -> Iterator[str]:
 
 
 def _made(results: Results) -> dict[str, str]:
-    titles = {"world": "recorded by", "code": "diagnosed by", "commit": "commit", "seed": "seed"}
-    return {title: results.provenance[name] for name, title in titles.items() if results.provenance.get(name)}
+    titles = {
+        "world": "recorded by",
+        "code": "diagnosed by",
+        "commit": "commit",
+        "seed": "seed",
+        "scorer": "scored by",
+    }
+    made = {title: results.provenance[name] for name, title in titles.items() if results.provenance.get(name)}
+    if made.get("scored by") == made.get("diagnosed by"):
+        made.pop("scored by", None)
+    return made
 
 
 def _rival_gaps(results: Results) -> Iterator[tuple[str, list[float]]]:

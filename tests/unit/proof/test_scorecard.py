@@ -168,6 +168,10 @@ def test_the_page_names_code_commit_and_seed(score, places, tmp_path: Path) -> N
     text = write_scorecard(tmp_path / "p.md", results, places, SETTINGS).read_text()
     for row in ("recorded by | another engine", "diagnosed by | irt, code 12", "commit | abc", "seed | 5"):
         assert f"| {row} |" in text
+    assert "scored by" not in text
+    results = Results((score(),), provenance={**provenance, "scorer": "irt, code 13"})
+    text = write_scorecard(tmp_path / "q.md", results, places, SETTINGS).read_text()
+    assert "| scored by | irt, code 13 |" in text
 
 
 def test_no_rig_at_all_is_drawn_all_the_same(places, score, tmp_path: Path) -> None:
