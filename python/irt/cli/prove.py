@@ -78,7 +78,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='diagnose on an existing Ray cluster ("auto" finds a local one); the results are the same',
     )
     parser.add_argument(
-        "--verify", action="store_true", help="only check the seals, labels and answers of the proof in DIR"
+        "--verify",
+        action="store_true",
+        help="only check the commitments, labels and answers of the proof in DIR",
     )
     parser.epilog = (
         "examples:\n"

@@ -83,6 +83,7 @@ def named(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
             exact = Rate.over(inside, lambda one: one.exact)
             yield row([words, f"{len(inside)}", rate(rate_right(inside)), rate(exact), size, f"{failed}"])
     yield from unread_rigs(scores)
+    yield from _unlisted(in_group(scores, UNLISTED))
     yield ""
     yield from header(["of rigs with effects of the catalogue", "rigs", "right"])
     for words, inside in _cuts(known):
@@ -105,6 +106,20 @@ def named(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
         if one.rate.of:
             reach = f"{one.low:g} and more" if math.isinf(one.high) else f"{one.low:g} to {one.high:g}"
             yield row([reach, f"{one.rate.of}", rate(one.rate)])
+
+
+def _unlisted(scores: Sequence[RigScore]) -> Iterator[str]:
+    """Yield the table of physics outside the catalogue; nothing without any."""
+    if not scores:
+        return
+    yield ""
+    yield from header(["physics not in the catalogue", "rigs", "reported as such", "gap closed, median"])
+    for name in sorted({one.kinds for one in scores}):
+        inside = [one for one in scores if one.kinds == name]
+        closed = gaps(inside)
+        words = " ".join(name).removeprefix(f"{UNLISTED}_").replace("_", " ")
+        middle = f"{np.median(closed):.2f}" if closed else ""
+        yield row([words, f"{len(inside)}", f"{rate_right(inside).good}", middle])
 
 
 def _cuts(known: Sequence[RigScore]) -> Iterator[tuple[str, list[RigScore]]]:

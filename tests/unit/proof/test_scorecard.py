@@ -81,6 +81,7 @@ def test_answers_by_world(page: Path) -> None:
     assert "| hidden: right answers | PyBullet | MuJoCo | through a camera | all |" in lines
     cells = ("100.0 % (43.9 to 100.0) of 3", "100.0 % (20.7 to 100.0) of 1", "", "66.7 % (30.0 to 90.3) of 6")
     assert f"| one effect | {' | '.join(cells)} |" in lines
+    assert "| x | 1 | 1 | 0.99 |" in lines
 
 
 def test_calibration_is_counted_by_decile_and_unlisted_rigs_stand_apart(page: Path) -> None:
