@@ -25,6 +25,8 @@ from irt.workers import FAILED
 NOTHING = "nothing"
 #: A rig has a gap if the base model's error exceeds the oracle's by at least this share.
 GAP = 0.1
+#: Digits of inclusion probabilities in scores, which each effect of the catalogue has in each rig.
+_DIGITS = 4
 #: Angles that are periodic, with their periods [rad].
 TURNS = {"grain_rad": math.pi, "phase_rad": 2.0 * math.pi}
 #: Effects that vary at random from run to run, so that no model predicts them: left out of gaps.
@@ -226,7 +228,11 @@ def judged(score: RigScore, diagnosis: Mapping[str, Any], truth: Mapping[str, An
         score,
         **naming(score.group, score.kinds, diagnosis),
         intervals=intervals(diagnosis, truth),
-        inclusion=dict(diagnosis.get("inclusion", {})),
+        inclusion={
+            name: round(value, _DIGITS)
+            for name, value in diagnosis.get("inclusion", {}).items()
+            if value is not None
+        },
     )
 
 
