@@ -31,6 +31,7 @@ import numpy as np
 import irt
 from irt.diagnosis.result import UNLISTED
 from irt.files import write_atomic
+from irt.proof.failures import OPEN
 from irt.proof.metrics import Rate, calibration, coverage, gaps, in_group, nulls, of_catalogue
 from irt.proof.plan import NULLS, group_of
 from irt.proof.score import Errors, RigScore, judged, matched, mean_error
@@ -46,8 +47,6 @@ LIKE = {
     "slope_map": {"slope_map", "bump", "board_warp", "point_field"},
     "static_friction": {"static_friction", "stribeck"},
 }
-#: A right answer that closes less than this share of the gap is listed, as on the page of `irt prove`.
-OPEN = 0.85
 #: Bands of the change of the path by a single effect [tracker noises].
 BANDS = (3.0, 10.0, 30.0, math.inf)
 #: Minimum number of inclusion probabilities in a decile for a share of true ones.
@@ -75,9 +74,7 @@ def main() -> None:
                 print(line, flush=True)
     labels = json.loads((args.rigs / "labels.json").read_text(encoding="utf-8"))
     rows = [score(args.rigs, args.out, name, labels[name]) for name in names]
-    (args.out / "scores.json").write_text(
-        json.dumps([row.as_dict() for row in rows], indent=1), encoding="utf-8"
-    )
+    write_atomic(args.out / "scores.json", json.dumps([row.as_dict() for row in rows], indent=1))
     print("\n".join(summary(rows)))
 
 

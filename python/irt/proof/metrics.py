@@ -79,16 +79,10 @@ class Difference:
         """The 95 % interval; from -1 to 1 if either has no trials."""
         if not self.of:
             return -1.0, 1.0
-        one, other, (low, high), (least, most) = (
-            self.first.share,
-            self.second.share,
-            self.first.interval,
-            self.second.interval,
-        )
-        return (
-            self.share - math.hypot(one - low, most - other),
-            self.share + math.hypot(high - one, other - least),
-        )
+        one, other = self.first.share, self.second.share
+        (low, high), (least, most) = self.first.interval, self.second.interval
+        below, above = math.hypot(one - low, most - other), math.hypot(high - one, other - least)
+        return self.share - below, self.share + above
 
 
 @dataclass(frozen=True)
