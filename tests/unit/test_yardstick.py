@@ -186,6 +186,6 @@ def test_probabilities_are_held_against_the_truth_by_decile():
     often = row(["lag", "bump"], inclusion={"lag": 0.93, "bump": 0.93})
     seldom = row(["bump"], inclusion={"lag": 0.93, "bump": 0.2})
     found = figures([often] * 9 + [seldom] * 2)
-    assert {key: value.split() for key, value in found.items() if key.startswith("inclusion")} == {
-        "inclusion, mean 0.930: true": ["18", "of", "20", "90", "%"]
-    }
+    probable = {key: value.split() for key, value in found.items() if key.startswith("inclusion")}
+    assert probable.pop("inclusion, mean 0.000: true")[0] == "0"
+    assert probable == {"inclusion, mean 0.930: true": ["18", "of", "20", "90", "%"]}

@@ -16,7 +16,7 @@ from irt.proof.wording import header, picture, rate, rate_of, row
 
 def calibrated(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
     """Yield the section."""
-    yield "\n## Calibration\n"
+    yield "\n## Calibration"
     yield from _inclusion(scores, folder)
     yield from _intervals(scores, folder)
     yield from _budgets(scores, folder)
@@ -35,12 +35,10 @@ def budgets(scores: Sequence[RigScore]) -> list[Budget]:
 def _inclusion(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
     yield "\n### Inclusion probabilities\n"
     deciles = calibration(listed(scores))
-    if not deciles:
-        yield "The diagnoses state no inclusion probabilities.\n"
-        return
     yield (
-        "Each diagnosis states for each effect of the catalogue how probable it is that the effect acts. "
-        "Rigs with physics outside the catalogue, in which none does, have a column of their own.\n"
+        "Each diagnosis states for each effect of the catalogue how probable it is that the effect acts; "
+        "effects that it does not list count with probability 0. Rigs with physics outside the catalogue, in "
+        "which no effect of it acts, have a column of their own.\n"
     )
     beyond = {one.number: one.rate for one in calibration(in_group(scores, UNLISTED))}
     yield from header(["stated probability", "mean", "acts", "rigs with unlisted physics: acts"])

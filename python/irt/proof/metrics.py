@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from irt.catalogue import hypothetical
 from irt.diagnosis.result import UNLISTED
 from irt.proof.plan import NULLS, SEVERAL, SIZES
 from irt.proof.score import NOTHING, RigScore, matched
@@ -243,8 +244,18 @@ class Decile:
 
 
 def calibration(scores: Iterable[RigScore]) -> list[Decile]:
-    """Return how often effects act to which a diagnosis gave a probability, by deciles that have any."""
-    pairs = [(value, name in one.kinds) for one in scores for name, value in one.inclusion.items()]
+    """Return how often effects act, by the probability that a diagnosis gave to it, in deciles that have any.
+
+    An effect of the catalogue that a diagnosis does not list counts with a probability of 0, so that what was
+    missed counts too.
+    """
+    names = [one.name for one in hypothetical()]
+    pairs = [
+        (one.inclusion.get(name, 0.0), name in one.kinds)
+        for one in scores
+        if one.verdict != "failed"
+        for name in dict.fromkeys([*names, *one.inclusion])
+    ]
     deciles = []
     for decile in range(10):
         among = [pair for pair in pairs if min(int(10 * pair[0]), 9) == decile]

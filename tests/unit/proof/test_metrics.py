@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from irt.catalogue import hypothetical
 from irt.proof.contested import Contestant, is_ahead, of_diagnosis, standing
 from irt.proof.metrics import (
     BINS,
@@ -145,11 +146,13 @@ def test_intervals_of_differences() -> None:
 
 def test_probabilities_by_decile(score) -> None:
     often, seldom = {"delay": 0.95, "lag": 0.91, "bump": 0.0}, {"delay": 1.0, "lag": 0.34}
-    found = calibration([score(inclusion=often), score(inclusion=seldom)])
-    assert [(one.number, round(one.mean, 3), one.rate) for one in found] == [
-        (0, 0.0, Rate(0, 1)),
+    missed, failed = score("pair", inclusion={"delay": 0.95}), score(verdict="failed")
+    found = calibration([score(inclusion=often), score(inclusion=seldom), missed, failed])
+    effects = 3 * len(hypothetical())
+    assert [(one.number, round(one.mean, 2), one.rate) for one in found] == [
+        (0, 0.0, Rate(1, effects - 5)),
         (3, 0.34, Rate(0, 1)),
-        (9, 0.953, Rate(2, 3)),
+        (9, 0.95, Rate(3, 4)),
     ]
 
 
