@@ -164,8 +164,8 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
 
     hidden, nulls = FULL if args.full else _QUICK
     plan = Plan.of(hidden if args.rigs is None else args.rigs, nulls if args.nulls is None else args.nulls)
-    # A finished proof may be scored again, after its own page has changed the checkout.
-    finished = Places(args.out).keys.exists()
+    # A proof with nothing more to run may be scored again, after its own page has changed the checkout.
+    finished = all(Places(args.out).contest(name).exists() for name in plan.names())
     commit = clean_commit() if args.full and not finished else ""
     world = shlex.split(args.world) if args.world else _world(thirds=args.full)
     jobs = args.jobs or os.cpu_count() or 1
