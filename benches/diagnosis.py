@@ -20,6 +20,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -28,10 +29,13 @@ from typing import Any
 import numpy as np
 
 import irt
+from irt.diagnosis.result import UNLISTED
 from irt.files import write_atomic
-from irt.proof.score import intervals, matched, mean_error, naming
+from irt.proof.failures import OPEN
+from irt.proof.metrics import Rate, calibration, coverage, gaps, in_group, nulls, of_catalogue
+from irt.proof.plan import NULLS, group_of
+from irt.proof.score import Errors, RigScore, judged, matched, mean_error
 
-NOTHING = ("none", "outliers")
 #: Names of parameters in other labels, and the factor to this project's unit.
 ALIASES = {
     "rolling_friction": ("c_rr", 1.0),
@@ -43,10 +47,6 @@ LIKE = {
     "slope_map": {"slope_map", "bump", "board_warp", "point_field"},
     "static_friction": {"static_friction", "stribeck"},
 }
-#: Names of a diagnosis for unknown physics, which are neither right nor false.
-NAMELESS = "unlisted"
-#: Largest ratio of the truth's error to the base model's for a rig with a gap.
-GAP = 0.9
 #: Bands of the change of the path by a single effect [tracker noises].
 BANDS = (3.0, 10.0, 30.0, math.inf)
 #: Minimum number of inclusion probabilities in a decile for a share of true ones.
@@ -74,7 +74,7 @@ def main() -> None:
                 print(line, flush=True)
     labels = json.loads((args.rigs / "labels.json").read_text(encoding="utf-8"))
     rows = [score(args.rigs, args.out, name, labels[name]) for name in names]
-    (args.out / "scores.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
+    write_atomic(args.out / "scores.json", json.dumps([row.as_dict() for row in rows], indent=1))
     print("\n".join(summary(rows)))
 
 
@@ -113,37 +113,43 @@ def cpu_seconds() -> float:
     return sum(os.times()[:4])
 
 
-def score(rigs: Path, out: Path, name: str, label: dict[str, Any]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Row:
+    """The score of a rig, and what only labels of these rigs say.
+
+    Attributes
+    ----------
+    score : RigScore
+        As of a rig of `irt prove`; the seconds are those of all cores.
+    right, false : tuple of str
+        Hidden effects that were named, and false names.
+    moves : dict
+        Change of the path by each hidden effect [tracker noises].
+    """
+
+    score: RigScore
+    right: tuple[str, ...] = ()
+    false: tuple[str, ...] = ()
+    moves: dict[str, float] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as JSON content."""
+        return {**self.score.as_dict(), "right": self.right, "false": self.false, "moves": self.moves}
+
+
+def score(rigs: Path, out: Path, name: str, label: dict[str, Any]) -> Row:
     """Compare an answer with its label."""
     said = json.loads((out / name / "diagnosis.json").read_text(encoding="utf-8"))
     model = irt.load_model(out / name / "model.toml")
     final = mean_error(model, [irt.load_recording(path) for path in sorted((rigs / name).glob("test-*.csv"))])
-    kinds = label["kind"] if isinstance(label["kind"], list) else [label["kind"]]
-    hidden = [kind for kind in kinds if kind not in NOTHING]
-    found = naming(NAMELESS if kinds[0].startswith(NAMELESS) else "", hidden, said)
+    group, hidden = group_of(label)
     ties = {one["name"]: one["confusable_with"] for one in said["effects"]}
     right, false = compared(hidden, ties, [one["name"] for one in label.get("left_over", [])])
-    return {
-        "rig": name,
-        "kind": kinds,
-        "verdict": said["verdict"],
-        **found,
-        "named": list(ties),
-        "right": right,
-        "moves": label.get("moves", {}),
-        "false": false,
-        "final": final,
-        "base": label["base"],
-        "oracle": label["oracle"],
-        "closed": (label["base"] - final) / (label["base"] - label["oracle"]),
-        "intervals": {one: held != "no" for one, held in intervals(said, renamed(label["truth"])).items()},
-        "inclusion": {
-            effect: [probability, effect in kinds]
-            for effect, probability in said.get("inclusion", {}).items()
-        },
-        "seconds": said["bench_seconds"],
-        "cpu_seconds": said["cpu_seconds"],
-    }
+    errors = Errors(label["base"], final, label["oracle"], math.nan)
+    plain = RigScore(name, group, hidden, said["verdict"], errors=errors, seconds=said["cpu_seconds"])
+    return Row(
+        judged(plain, said, renamed(label["truth"])), tuple(right), tuple(false), label.get("moves", {})
+    )
 
 
 def compared(
@@ -162,7 +168,7 @@ def compared(
     """
     stands_for = matched(hidden, named)
     right = [effect for effect in hidden if effect in stands_for]
-    excused = {NAMELESS}.union(*(LIKE.get(effect, {effect}) for effect in left_over))
+    excused = {UNLISTED}.union(*(LIKE.get(effect, {effect}) for effect in left_over))
     right_names = {*stands_for.values()}
     false = [
         name for name, alike in named.items() if name not in right_names and not excused & {name, *alike}
@@ -176,63 +182,54 @@ def renamed(truth: dict[str, Any]) -> dict[str, Any]:
     return {**known, **truth}
 
 
-def summary(rows: list[dict[str, Any]]) -> Iterator[str]:
+def summary(rows: Sequence[Row]) -> Iterator[str]:
     """Return the scored table."""
     for what, value in figures(rows).items():
         yield f"{what:<46} {value}"
-    for row in rows:
-        if not is_right(row) or row["closed"] < 0.85:
+    for one in (row.score for row in rows):
+        closed = one.closed
+        if not one.exact or (closed is not None and closed < OPEN):
             yield (
-                f"  {row['rig']}: {'+'.join(row['kind'])} -> {row['verdict']} {'+'.join(row['named'])} "
-                f"ties {row['ties']} closed {row['closed']:.3f}"
+                f"  {one.rig}: {'+'.join(one.kinds) or one.group} -> {one.verdict} {'+'.join(one.named)} "
+                f"ties {one.ties} closed {'-' if closed is None else f'{closed:.3f}'}"
             )
 
 
-def is_right(row: dict[str, Any]) -> bool:
-    """Return whether an answer equals the label, without a tie or a false name."""
-    if row["kind"][0] in NOTHING:
-        return bool(row["verdict"] == "sufficient")
-    if row["kind"][0].startswith(NAMELESS):
-        return bool(row["verdict"] == "unlisted")
-    return bool(row["exact"])
-
-
-def figures(rows: list[dict[str, Any]]) -> dict[str, str]:
+def figures(rows: Sequence[Row]) -> dict[str, str]:
     """Return the figures of scored rigs by name; those without rigs are left out."""
-    nothing = [row for row in rows if row["kind"][0] in NOTHING]
-    unlisted = [row for row in rows if row["kind"][0].startswith(NAMELESS)]
-    hidden = [row for row in rows if row not in nothing and row not in unlisted]
-    single = [row for row in hidden if len(row["kind"]) == 1]
-    pairs = [row for row in hidden if len(row["kind"]) == 2]
-    several = [row for row in hidden if len(row["kind"]) > 1]
+    scores = [row.score for row in rows]
+    single, pairs, unlisted = (in_group(scores, group) for group in ("single", "pair", UNLISTED))
+    several = [row for row in rows if row.score.group != UNLISTED and len(row.score.kinds) > 1]
     found = {
-        "false alarms": _rate(nothing, lambda row: row["verdict"] != "sufficient"),
-        "nulls with a false name": _rate(nothing, lambda row: bool(row["false"])),
-        "single effects named, or in a tie": _rate(single, lambda row: row["found"]),
-        "single effects named exactly": _rate(single, is_right),
-        "mean size of a tie": _mean([row["tie_size"] for row in single if row["tie_size"]]),
-        "pairs, both named": _rate(pairs, lambda row: row["found"]),
+        "false alarms": _rate(nulls(scores), lambda one: one.false_alarm),
+        "nulls with a false name": _share([bool(row.false) for row in rows if row.score.group in NULLS]),
+        "single effects named, or in a tie": _rate(single, lambda one: one.found),
+        "single effects named exactly": _rate(single, lambda one: one.exact),
+        "mean size of a tie": _mean([one.tie_size for one in single if one.tie_size]),
+        "pairs, both named": _rate(pairs, lambda one: one.found),
         "several at once: effects named": _share(
-            [effect in row["right"] for row in several for effect in row["kind"]]
+            [effect in row.right for row in several for effect in row.score.kinds]
         ),
         **by_size(several),
-        "several at once: false names a rig": _mean([len(row["false"]) for row in several]),
-        "unlisted said so": _rate(unlisted, is_right),
-        "false names a rig": _mean([len(row["false"]) for row in rows]),
-        "gap closed: median, 10th percentile": _closed(hidden),
-        "gap closed, unlisted": _closed(unlisted),
-        "95 % intervals that hold the truth": _share(
-            [holds for row in rows for holds in row["intervals"].values()]
-        ),
-        **calibration(rows),
-        "CPU seconds a rig: median, largest": _middle([row["cpu_seconds"] for row in rows], np.max),
+        "several at once: false names a rig": _mean([len(row.false) for row in several]),
+        "unlisted said so": _rate(unlisted, lambda one: one.exact),
+        "false names a rig": _mean([len(row.false) for row in rows]),
+        "gap closed: median, 10th percentile": _middle(gaps(of_catalogue(scores)), _low),
+        "gap closed, unlisted": _middle(gaps(unlisted), _low),
+        "95 % intervals that hold the truth": _counted(coverage(scores)[0]),
+        **{
+            f"inclusion, mean {one.mean:.3f}: true": _counted(one.rate)
+            for one in calibration(scores)
+            if one.rate.of >= ENOUGH
+        },
+        "CPU seconds a rig: median, largest": _middle([one.seconds for one in scores], np.max),
     }
     return {what: value for what, value in found.items() if value}
 
 
-def by_size(rows: list[dict[str, Any]]) -> dict[str, str]:
+def by_size(rows: Sequence[Row]) -> dict[str, str]:
     """Return the shares of named effects, by bands of their own change of the path."""
-    moves = [(moved, name in row["right"]) for row in rows for name, moved in row["moves"].items()]
+    moves = [(moved, name in row.right) for row in rows for name, moved in row.moves.items()]
     return {
         f"several at once: named of {low:g} to {high:g} noises": _share(
             [right for moved, right in moves if low <= moved < high]
@@ -241,44 +238,28 @@ def by_size(rows: list[dict[str, Any]]) -> dict[str, str]:
     }
 
 
-def calibration(rows: list[dict[str, Any]]) -> dict[str, str]:
-    """Return the share of true effects for each decile of inclusion probabilities with enough of them."""
-    pairs = [pair for row in rows for pair in row["inclusion"].values()]
-    found = {}
-    for decile in range(10):
-        among = [pair for pair in pairs if min(int(10 * pair[0]), 9) == decile]
-        if len(among) >= ENOUGH:
-            mean = np.mean([probability for probability, _ in among])
-            what = f"inclusion {decile / 10:.1f} to {(decile + 1) / 10:.1f}, mean {mean:.3f}: true"
-            found[what] = _share([true for _, true in among])
-    return found
+def _rate(among: Sequence[RigScore], good: Callable[[RigScore], bool]) -> str:
+    return _counted(Rate.over(among, good))
 
 
-def _rate(among: list[dict[str, Any]], good: Callable[[dict[str, Any]], bool]) -> str:
-    return _share([good(row) for row in among])
+def _share(good: Sequence[bool]) -> str:
+    return _counted(Rate(sum(good), len(good)))
 
 
-def _share(good: list[bool]) -> str:
-    return f"{sum(good):>3} of {len(good):>3}  {100.0 * sum(good) / len(good):.0f} %" if good else ""
+def _counted(rate: Rate) -> str:
+    return f"{rate.good:>3} of {rate.of:>3}  {100.0 * rate.share:.0f} %" if rate.of else ""
 
 
-def _mean(values: list[float]) -> str:
+def _mean(values: Sequence[float]) -> str:
     return f"{np.mean(values):.2f}" if values else ""
 
 
-def _middle(values: list[float], other: Callable[[list[float]], float]) -> str:
+def _middle(values: Sequence[float], other: Callable[[Sequence[float]], float]) -> str:
     return f"{np.median(values):.3g}, {other(values):.3g}" if values else ""
 
 
-def _closed(rows: list[dict[str, Any]]) -> str:
-    # Delays that differ by chance differ in the test runs too: no answer closes that gap. Nor is there one
-    # where a random push hides what the truth would win.
-    closed = [
-        row["closed"]
-        for row in rows
-        if "delay_jitter" not in row["kind"] and row["oracle"] < GAP * row["base"]
-    ]
-    return _middle(closed, lambda values: float(np.quantile(values, 0.1)))
+def _low(values: Sequence[float]) -> float:
+    return float(np.quantile(values, 0.1))
 
 
 if __name__ == "__main__":

@@ -153,7 +153,7 @@ def scored(rigs: Path, out: Path, names: Sequence[str], threads: int | None, eac
         print(line, flush=True)
     labels = read_labels(rigs)
     rows = [score(rigs, answers, name, labels[name]) for name in names]
-    write_atomic(out / "scores.json", json.dumps(rows, indent=1))
+    write_atomic(out / "scores.json", json.dumps([row.as_dict() for row in rows], indent=1))
     return figures(rows)
 
 

@@ -23,7 +23,7 @@ from irt.rig import RANGES, Board, Marble, Rig, load_rig
 from irt.tuning import tune
 
 #: Distributions that only extras install; ``irt`` has to give the same answers without them.
-EXTRAS = ("cryptography", "cv2", "cyclonedds", "gymnasium", "mcap", "mujoco", "pybullet", "pysindy", "ray")
+EXTRAS = ("cv2", "cyclonedds", "gymnasium", "mcap", "mujoco", "pybullet", "pysindy", "ray")
 EXTRAS += ("rosbags", "sbi", "torch")
 
 #: Bundled rigs, which are tuned.

@@ -8,7 +8,6 @@ from irt.errors import IrtError
 
 #: Title of each optional package and the extra that installs it, by import name.
 OPTIONAL = {
-    "cryptography": ("cryptography", "prove"),
     "cv2": ("OpenCV", "track"),
     "cyclonedds": ("Cyclone DDS", "ros"),
     "gymnasium": ("Gymnasium", "gym"),

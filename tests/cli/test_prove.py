@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from irt.errors import IrtError
+
 ROOT = Path(__file__).resolve().parents[2]
 WORLD = f"{sys.executable} {ROOT / 'tests' / 'unit' / 'proof' / 'fake_world.py'}"
 TINY = ("--rigs", "1", "--nulls", "1", "--seed", "3", "--jobs", "1", "--world", WORLD)
@@ -41,7 +43,7 @@ def env() -> dict[str, str]:
 def test_it_hides_diagnoses_and_scores(proved: tuple[Path, str]) -> None:
     out, said = proved
     assert said.startswith("1 rig with hidden physics and 1 without, diagnosed blind: ")
-    assert "false alarms: 0.000 (0.000 to 0.793), floor at most 2 %, over 1\n" in said
+    assert "false alarms: 0.000 (0.000 to 0.793), floor at most 1 %, over 1\n" in said
     assert said.endswith(f"wrote {out / 'proof.md'}\n")
     scores = json.loads((out / "proof" / "scores.json").read_text())
     assert {one["group"]: one["verdict"] for one in scores["rigs"]} == {
@@ -84,7 +86,18 @@ def test_a_full_proof_names_its_commit_and_publishes_the_chain(irt, monkeypatch,
     words = ("--rigs", "0", "--nulls", "1", "--jobs", "1", "--world", WORLD, "--out", tmp_path / "out")
     done = irt("prove", "--full", *words, "--page", page)
     assert (done.status, done.err) == (0, "")
-    assert "| commit | 0123abc |" in page.read_text()
+    text = page.read_text()
+    assert "| commit | 0123abc |" in text
+    assert "With 0 rigs with hidden physics and 1 without, this proof is smaller than the full proof" in text
+
+    def changed() -> str:
+        raise IrtError("docs/proof.md was changed since")
+
+    monkeypatch.setattr("irt.proof.provenance.clean_commit", changed)
+    again = irt("prove", "--full", *words, "--page", page)
+    assert (again.status, page.read_text()) == (0, text)
+    fresh = irt("prove", "--full", *words[:-1], tmp_path / "fresh")
+    assert (fresh.status, fresh.err) == (1, "irt: docs/proof.md was changed since\n")
     checked = irt("prove", "--verify", "--out", page.with_suffix(""))
     assert checked.out.endswith(
         "proof: 1 rigs: plan, commitments, manifest and keys fit; recordings and answers are elsewhere\n"
@@ -96,7 +109,10 @@ def test_verify_finds_what_was_altered(irt, proved: tuple[Path, str]) -> None:
     out, _ = proved
     done = irt("prove", "--verify", "--out", out)
     assert (done.status, done.err) == (0, "")
-    assert done.out == f"{out}: 2 rigs: labels, recordings and answers are unchanged since they were sealed\n"
+    assert (
+        done.out
+        == f"{out}: 2 rigs: labels, recordings and answers are unchanged since they were committed to\n"
+    )
     path = out / "answers" / "rig-0002" / "diagnosis.json"
     was = path.read_bytes()
     path.write_bytes(was.replace(b"sufficient", b"missing"))
@@ -123,7 +139,7 @@ def test_ctrl_c_leaves_what_is_done(tmp_path: Path) -> None:
     said, err = process.communicate(timeout=30)
     assert (process.returncode, said) == (130, "")
     assert err == f"irt: finished work is kept in {out}; the same command resumes it\nirt: stopped\n"
-    assert len(list((out / "seals").iterdir())) == 2
+    assert len(list((out / "vault").glob("rig-*.json"))) == 2
     assert not (out / "keys.json").exists()
 
 
@@ -150,14 +166,11 @@ def test_what_cannot_be_done(irt, monkeypatch, tmp_path: Path, words: tuple[str,
     assert done.err.count("\n") == 1
 
 
-@pytest.mark.parametrize(("missing", "title"), [("pybullet", "PyBullet"), ("cryptography", "cryptography")])
-def test_a_missing_package_is_one_clear_line(
-    irt, monkeypatch, tmp_path: Path, missing: str, title: str
-) -> None:
-    monkeypatch.setitem(sys.modules, missing, None)
+def test_a_missing_package_is_one_clear_line(irt, monkeypatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "pybullet", None)
     done = irt("prove", "--out", tmp_path / "proof")
     assert (done.status, done.out) == (1, "")
-    assert done.err == f"irt: irt prove needs {title}: pip install 'labsim-irt[prove]'\n"
+    assert done.err == "irt: irt prove needs PyBullet: pip install 'labsim-irt[prove]'\n"
     assert not (tmp_path / "proof").exists()
 
 

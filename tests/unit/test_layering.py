@@ -59,7 +59,6 @@ LAYERS = (
 )
 EXTENSION = "irt._labsim"
 HEAVY = {
-    "cryptography",
     "cv2",
     "cyclonedds",
     "gymnasium",

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import irt
-from diagnosis import calibration, compared, figures
+from diagnosis import Row, compared, figures
 from hide_effects import ROWS, TEST, TRAIN, Recipe, hide, recipes
+from irt.proof.plan import group_of
+from irt.proof.score import Errors, RigScore
 from peers.workload import drive
 from yardstick import table
 
@@ -130,27 +132,28 @@ def test_what_is_left_over_may_be_named_or_not():
     assert compared(["delay"], {"slope_map": ["slope_map"]}) == ([], ["slope_map"])
 
 
-def row(kind, right=(), false=(), **others):
-    return {
-        "rig": "made-up",
-        "kind": list(kind),
-        "verdict": "missing" if right or false else "sufficient",
-        "named": [*right, *false],
-        "ties": {},
-        "exact": set(kind) == {*right, *false},
-        "found": set(kind) <= {*right},
-        "tie_size": None,
-        "right": list(right),
-        "moves": {name: 4.0 if name == "delay" else 50.0 for name in kind},
-        "false": list(false),
-        "base": 0.1,
-        "oracle": 0.01,
-        "closed": 0.9,
-        "intervals": {"gear_x": True},
-        "inclusion": {},
-        "cpu_seconds": 2.0,
-        **others,
-    }
+def row(kind, right=(), false=(), *, oracle=0.01, final=0.019, **others):
+    named = (*right, *false)
+    group, hidden = group_of({"kind": list(kind) if len(kind) > 1 else kind[0]})
+    exact = set(hidden) == set(named)
+    score = RigScore(
+        "made-up",
+        group,
+        hidden,
+        "missing" if named else "sufficient",
+        **{
+            "named": named,
+            "exact": exact,
+            "found": exact,
+            "false_alarm": bool(named and not hidden),
+            "errors": Errors(0.1, final, oracle, signal=9.0),
+            "intervals": {"gear_x": "yes"},
+            "seconds": 2.0,
+            **others,
+        },
+    )
+    moves = {name: 4.0 if name == "delay" else 50.0 for name in hidden}
+    return Row(score, tuple(right), tuple(false), moves)
 
 
 def test_figures_count_effects_named_and_names_that_are_false():
@@ -159,7 +162,7 @@ def test_figures_count_effects_named_and_names_that_are_false():
             row(["lag", "bump", "delay"], ["lag", "bump"], ["parallax"]),
             row(["lag", "bump", "delay"], ["lag", "bump", "delay"]),
             row(["none"], (), ["lag"]),
-            row(["none"], cpu_seconds=9.0),
+            row(["none"], seconds=9.0),
         ]
     )
     assert found["several at once: effects named"].split()[:3] == ["5", "of", "6"]
@@ -174,14 +177,15 @@ def test_figures_count_effects_named_and_names_that_are_false():
 
 
 def test_a_gap_counts_only_where_the_truth_closes_one():
-    lag, jitter = row(["lag"], ["lag"]), row(["delay_jitter"], ["delay_jitter"], closed=0.2)
-    pushed = row(["lag"], ["lag"], closed=-3.0, oracle=0.099)
+    lag, jitter = row(["lag"], ["lag"]), row(["delay_jitter"], ["delay_jitter"], final=0.08)
+    pushed = row(["lag"], ["lag"], final=0.12, oracle=0.099)
     assert figures([lag, jitter, pushed])["gap closed: median, 10th percentile"] == "0.9, 0.9"
 
 
 def test_probabilities_are_held_against_the_truth_by_decile():
-    pairs = {f"effect-{index}": [0.93, index < 18] for index in range(20)}
-    found = calibration([row(["lag"], inclusion=pairs), row(["lag"], inclusion={"lag": [0.2, True]})])
-    assert {key: value.split() for key, value in found.items()} == {
-        "inclusion 0.9 to 1.0, mean 0.930: true": ["18", "of", "20", "90", "%"]
-    }
+    often = row(["lag", "bump"], inclusion={"lag": 0.93, "bump": 0.93})
+    seldom = row(["bump"], inclusion={"lag": 0.93, "bump": 0.2})
+    found = figures([often] * 9 + [seldom] * 2)
+    probable = {key: value.split() for key, value in found.items() if key.startswith("inclusion")}
+    assert probable.pop("inclusion, mean 0.000: true")[0] == "0"
+    assert probable == {"inclusion, mean 0.930: true": ["18", "of", "20", "90", "%"]}

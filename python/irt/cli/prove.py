@@ -18,9 +18,8 @@ if TYPE_CHECKING:
 NAME = "prove"
 HELP = "hide effects in rigs of another engine, diagnose them blind, open the seals, score"
 
-#: Rigs with and without hidden physics: of the quick proof, and of the full one.
-_QUICK, _FULL = (9, 3), (300, 300)
-_NEEDED = ("pybullet", "cryptography")
+#: Rigs with and without hidden physics of the quick proof; of the full one, `irt.proof.plan.FULL`.
+_QUICK = (9, 3)
 #: What tracks the marble in rendered pictures, and the share of the rigs of the quick proof that it tracks.
 _TRACKER, _WATCHED = "irt.tracking:positions", "0.15"
 
@@ -30,9 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--full",
         action="store_true",
-        help=f"{_FULL[0]} rigs with hidden physics and {_FULL[1]} without, a third each in PyBullet, in "
-        "MuJoCo and through a camera; other methods on the same rigs; by the commit of a clean git checkout, "
-        "which is published; writes docs/proof.md (days)",
+        help="300 rigs with hidden physics and 300 without, a third each in PyBullet, in MuJoCo and through "
+        "a camera; other methods on the same rigs; by the commit of a clean git checkout, which is "
+        "published; writes docs/proof.md (days; with --rigs and --nulls less, as the page then says)",
     )
     parser.add_argument(
         "--real",
@@ -79,12 +78,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='diagnose on an existing Ray cluster ("auto" finds a local one); the results are the same',
     )
     parser.add_argument(
-        "--verify", action="store_true", help="only check the seals, labels and answers of the proof in DIR"
+        "--verify",
+        action="store_true",
+        help="only check the commitments, labels and answers of the proof in DIR",
     )
     parser.epilog = (
         "examples:\n"
         "  irt prove --out proof               12 rigs, minutes; the same command resumes after Ctrl-C\n"
         "  irt prove --full --out proof-full   all rigs, by one commit; writes docs/proof.md\n"
+        "  irt prove --full --rigs 60 --nulls 60 --out proof-full   a smaller one\n"
         "  irt prove --verify --out proof      check that nothing was altered\n"
         "  irt prove --rigs 20 --nulls 10 --jobs 2 --baselines --out proof\n"
         "  irt prove --real my-rig --out real   your recordings with a measured tilt, minutes"
@@ -119,8 +121,8 @@ def _verified(out: Path) -> str:
     if seal.is_real(out):
         return seal.verify(out)
     rigs = hash_chain.verify(out)
-    if (out / "seals").is_dir():
-        return f"{rigs} rigs: labels, recordings and answers are unchanged since they were sealed"
+    if (out / "opened").is_dir():
+        return f"{rigs} rigs: labels, recordings and answers are unchanged since they were committed to"
     return f"{rigs} rigs: plan, commitments, manifest and keys fit; recordings and answers are elsewhere"
 
 
@@ -152,16 +154,19 @@ def _prove_real(args: argparse.Namespace) -> None:
 def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
     """Run the remaining steps; return the scores and their page."""
     from irt.cli.progress import progress_bar
-    from irt.proof.plan import Plan
+    from irt.proof.hash_chain import Places
+    from irt.proof.plan import FULL, Plan
     from irt.proof.provenance import clean_commit, this_code
     from irt.proof.results import Results
     from irt.proof.run import Proof
     from irt.proof.scorecard import write_scorecard
     from irt.workers.choice import make_workers
 
-    hidden, nulls = _FULL if args.full else _QUICK
+    hidden, nulls = FULL if args.full else _QUICK
     plan = Plan.of(hidden if args.rigs is None else args.rigs, nulls if args.nulls is None else args.nulls)
-    commit = clean_commit() if args.full else ""
+    # A proof with nothing more to run may be scored again, after its own page has changed the checkout.
+    finished = all(Places(args.out).contest(name).exists() for name in plan.names())
+    commit = clean_commit() if args.full and not finished else ""
     world = shlex.split(args.world) if args.world else _world(thirds=args.full)
     jobs = args.jobs or os.cpu_count() or 1
     try:
@@ -182,7 +187,7 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
         raise
     results = Results.of(places)
     page = args.page or (Path("docs/proof.md") if args.full else args.out / "proof.md")
-    return results, write_scorecard(page, results, places, _settings(args), raw=args.full)
+    return results, write_scorecard(page, results, places, _settings(args), publish=args.full)
 
 
 def _settings(args: argparse.Namespace) -> dict[str, str]:
@@ -217,7 +222,7 @@ def _world(*, thirds: bool) -> list[str]:
     """
     from irt.extras import require
 
-    for package in (*_NEEDED, "mujoco") if thirds else _NEEDED:
+    for package in ("pybullet", "mujoco") if thirds else ("pybullet",):
         require(package, "irt prove")
     how = ("--thirds", _TRACKER) if thirds else ("--tracker", _TRACKER, _WATCHED)
     return [sys.executable, "-m", "irt.proof.pybullet_world", *how]

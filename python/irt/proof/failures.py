@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from irt.diagnosis.result import UNLISTED
+from irt.proof.metrics import world_of
 from irt.proof.score import RigScore
+from irt.proof.wording import counted, header, row
+
+#: Right answers that close less than this share of the gap are listed too.
+OPEN = 0.85
 
 #: Description of the hidden physics of a group of rigs.
 GROUPS = {
@@ -20,28 +26,31 @@ GROUPS = {
 
 
 def failures(scores: Sequence[RigScore]) -> Iterator[str]:
-    """Yield the lines about wrong answers and open gaps."""
-    wrong = [one for one in scores if not one.found or (one.closed is not None and one.closed < 0.85)]
-    yield "\n## Cases that failed\n"
+    """Yield the section about wrong answers and open gaps: by cause, then one by one."""
+    wrong = [one for one in scores if not one.found or (one.closed is not None and one.closed < OPEN)]
+    yield "\n## What failed\n"
     if not wrong:
-        yield "None: every answer was right, and no gap was left open."
+        yield "Nothing: every answer was right, and no gap was left open."
         return
     yield (
-        f"{len(wrong)} of {len(scores)} rigs, the largest signal first: answers that were not right, and "
-        "right answers that leave more than 15 % of the gap open.\n"
+        f"{len(wrong)} of {len(scores)} rigs: answers that were not right, and right answers that leave more "
+        f"than {1.0 - OPEN:.0%} of the gap open. By cause:\n".replace("%", " %")
     )
-    yield "| rig | hidden | answer | ties | signal over noise | gap closed | noise | reason |"
-    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
+    yield from header(["cause", "rigs"])
+    causes = Counter("the diagnosis failed" if one.verdict == "failed" else _reason(one) for one in wrong)
+    for cause, count in causes.most_common():
+        yield row([cause, f"{count}"])
+    yield "\nOne by one, the largest signal first:\n"
+    yield from header(
+        ["rig", "world", "hidden", "answer", "ties", "signal over noise", "gap closed", "noise", "reason"]
+    )
     for one in sorted(wrong, key=lambda one: -(one.errors.signal if one.errors else math.inf)):
         hidden = " + ".join(one.kinds) or GROUPS[one.group]
         answer = " + ".join(one.named) or one.verdict
         ties = "; ".join(f"{name} or {', '.join(rest)}" for name, rest in one.ties.items())
         signal = f"{one.errors.signal:.1f}" if one.errors else ""
         closed = f"{one.closed:.2f}" if one.closed is not None else ""
-        seen = f"{one.noise}{', camera' if one.through_camera else ''}"
-        yield (
-            f"| {one.rig} | {hidden} | {answer} | {ties} | {signal} | {closed} | {seen} | {_reason(one)} |"
-        )
+        yield row([one.rig, world_of(one), hidden, answer, ties, signal, closed, one.noise, _reason(one)])
 
 
 def unread_rigs(scores: Sequence[RigScore]) -> Iterator[str]:
@@ -72,11 +81,6 @@ def left_out_runs(scores: Sequence[RigScore]) -> Iterator[str]:
             f"\nThe tracker lost the marble in {many} held out, which {are} left out of all errors: "
             f"{', '.join(runs)}."
         )
-
-
-def counted(count: int, what: str) -> str:
-    """Return a count with its noun."""
-    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def _unread(scores: Sequence[RigScore]) -> list[str]:

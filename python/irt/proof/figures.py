@@ -12,8 +12,8 @@ from matplotlib.ticker import PercentFormatter
 
 from irt.diagnosis.result import UNLISTED
 from irt.files import PathLike
-from irt.proof.metrics import CLEAR, Bin, Rate, confusion, coverage, gaps, of_catalogue, power
-from irt.proof.score import NOTHING, RigScore
+from irt.proof.metrics import CLEAR, Bin, Rate, calibration, confusion, coverage, gaps, of_catalogue, power
+from irt.proof.score import NOTHING, Budget, RigScore
 from irt.report import style
 
 #: Last entries of a confusion matrix, which are no effects of the catalogue.
@@ -83,8 +83,8 @@ def plot_power(path: PathLike, scores: Sequence[RigScore]) -> None:
         clear = [index for index, one in enumerate(bins) if one.low >= CLEAR]
         if clear:
             begin, end = clear[0] - 0.5, len(bins) - 0.5
-            axes.plot([begin, end], [0.9, 0.9], color=style.INK, lw=0.9, ls=(0, (4, 3)))
-            axes.text(begin, 0.885, "floor", fontsize=7.5, ha="left", va="top", color=style.MUTED)
+            axes.plot([begin, end], [0.95, 0.95], color=style.INK, lw=0.9, ls=(0, (4, 3)))
+            axes.text(begin, 0.935, "floor", fontsize=7.5, ha="left", va="top", color=style.MUTED)
         for index, one in enumerate(bins):
             axes.text(index, -0.01, f"{one.rate.of}", fontsize=7, ha="center", va="top", color=style.MUTED)
         axes.set(xlim=(-0.5, max(len(bins) - 0.5, 0.5)), ylim=(-0.08, 1.04))
@@ -161,6 +161,50 @@ def plot_coverage(path: PathLike, scores: Sequence[RigScore]) -> None:
         axes.set(xlim=(min([0.5, *[rate.interval[0] for _, rate in rates]]), 1.01))
         axes.xaxis.set_major_formatter(PercentFormatter(1.0))
         axes.set_xlabel("intervals that hold the truth (band: the floor)")
+
+
+def plot_reliability(path: PathLike, scores: Sequence[RigScore]) -> None:
+    """Draw how often effects act, over the probability that diagnoses give them.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    deciles = calibration(scores)
+    with style.drawing(path, style.WIDTH, 3.6) as figure:
+        axes = figure.subplots()
+        axes.plot([0.0, 1.0], [0.0, 1.0], color=style.INK, lw=0.9, ls=(0, (4, 3)))
+        _draw_rates(axes, [one.mean for one in deciles], [one.rate for one in deciles], style.TUNED)
+        for one in deciles:
+            axes.text(one.mean, -0.03, f"{one.rate.of}", fontsize=7, ha="center", va="top", color=style.MUTED)
+        axes.set(xlim=(-0.04, 1.04), ylim=(-0.12, 1.04))
+        axes.set(xlabel="stated probability (below: effects)", ylabel="effects that act")
+        axes.xaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+
+
+def plot_budget(path: PathLike, budgets: Sequence[Budget]) -> None:
+    """Draw the shares of effects and tracker by the diagnosis over those by the true paths.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    with style.drawing(path, style.WIDTH, 3.6) as figure:
+        axes = figure.subplots()
+        axes.plot([0.0, 1.0], [0.0, 1.0], color=style.INK, lw=0.9, ls=(0, (4, 3)))
+        for title, marker, colour, shares in (
+            ("effects", "o", style.TUNED, [(one.true_effects, one.effects) for one in budgets]),
+            ("tracker", "s", style.UNTUNED, [(one.true_tracker, one.tracker) for one in budgets]),
+        ):
+            true, said = np.array(shares).reshape(-1, 2).T
+            axes.plot(true, said, marker, color=colour, ms=4, label=title)
+        axes.legend(loc="upper left", frameon=False, fontsize=8)
+        axes.set(xlim=(-0.04, 1.04), ylim=(-0.04, 1.04), xlabel="true share", ylabel="share by the diagnosis")
+        axes.xaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
 
 
 def _coverage_of(scores: Sequence[RigScore], name: str) -> Rate:

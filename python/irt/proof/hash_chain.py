@@ -2,14 +2,13 @@
 
 ``plan.json`` (the list of rigs, the code, a commitment to the seed) is written before the first rig,
 ``commitments.json`` (the commitment to each label, the SHA-256 of each recording) before the first diagnosis,
-``manifest.json`` (the SHA-256 of each answer) after the last one, and ``keys.json`` (the key and the seed)
-after that.
+``manifest.json`` (the SHA-256 of each answer) after the last one, and ``keys.json`` (the seed, and the nonce
+of all commitments) after that.
 """
 
 from __future__ import annotations
 
 import secrets
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,44 +18,24 @@ from typing import Any
 from irt.errors import IrtError
 from irt.files import make_folder, read_json, read_toml, write_atomic
 from irt.proof.blind import CODE
-from irt.proof.plan import Plan, is_of_kind
-from irt.proof.seal import canonical, digest, digests, open_seal
+from irt.proof.plan import Plan, group_of
+from irt.proof.seal import canonical, commitment, digest, digests
 from irt.rig import read_start
 
 #: The files of the chain, in their order; they are published.
 CHAIN = ("plan.json", "commitments.json", "manifest.json", "keys.json")
 
 
-@dataclass(frozen=True)
 class Places:
-    """The paths of a proof in the folder `out`."""
+    """The paths of a proof in the folder `out`: the files of the chain, and folders by the name of a rig.
 
-    out: Path
+    ``vault`` holds seed, nonce and labels until the last answer is written, and is closed to other users.
+    """
 
-    @property
-    def secret(self) -> Path:
-        """Key and seed, in a folder that is closed to other users."""
-        return self.out / "vault" / "secret.json"
-
-    @property
-    def plan(self) -> Path:
-        """The plan, written before the first rig."""
-        return self.out / CHAIN[0]
-
-    @property
-    def commitments(self) -> Path:
-        """The commitments, published before the first diagnosis."""
-        return self.out / CHAIN[1]
-
-    @property
-    def manifest(self) -> Path:
-        """The manifest, written after the last diagnosis and before the release of the key."""
-        return self.out / CHAIN[2]
-
-    @property
-    def keys(self) -> Path:
-        """The key, released for the manifest."""
-        return self.out / CHAIN[3]
+    def __init__(self, out: Path) -> None:
+        self.out = out
+        self.plan, self.commitments, self.manifest, self.keys = (out / name for name in CHAIN)
+        self.secret = out / "vault" / "secret.json"
 
     def rig(self, name: str) -> Path:
         """Return the folder of a rig's recordings."""
@@ -67,9 +46,9 @@ class Places:
         # Not from the rig as a whole, because a recording without a marble has no start state.
         return read_start(read_toml(self.rig(name) / "rig.toml"))
 
-    def seal(self, name: str) -> Path:
-        """Return the file of a rig's seal."""
-        return self.out / "seals" / f"{name}.json"
+    def label(self, name: str) -> Path:
+        """Return the file of a rig's label before the seals are opened."""
+        return self.out / "vault" / f"{name}.json"
 
     def answer(self, name: str) -> Path:
         """Return the folder of the diagnosis' output."""
@@ -90,16 +69,15 @@ class Places:
 
 @dataclass(frozen=True)
 class Secret:
-    """Seed of the proof, key of its seals, and the nonce of the commitment to the seed."""
+    """Seed of the proof, and the nonce of the commitments to it and to the labels."""
 
     seed: int
-    key: str
     nonce: str
 
     @property
     def commitment(self) -> str:
         """The commitment to the seed."""
-        return digest(f"{self.nonce} {self.seed}".encode())
+        return commitment(self.nonce, "seed", self.seed)
 
 
 def begin(places: Places, plan: Plan, seed: int | None, provenance: Mapping[str, str]) -> Secret:
@@ -114,12 +92,10 @@ def begin(places: Places, plan: Plan, seed: int | None, provenance: Mapping[str,
     """
     make_folder(places.secret.parent).chmod(0o700)
     if not places.plan.exists():
-        drawn = secrets.randbits(64) if seed is None else seed
-        secret = Secret(drawn, secrets.token_hex(32), secrets.token_hex(32))
+        secret = Secret(secrets.randbits(64) if seed is None else seed, secrets.token_hex(32))
         write_atomic(places.secret, canonical(vars(secret)))
-        write_atomic(
-            places.plan, canonical({"plan": plan.as_dict(), "seed": secret.commitment, **provenance})
-        )
+        content = {"plan": plan.as_dict(), "seed": secret.commitment, **provenance}
+        write_atomic(places.plan, canonical(content))
     secret, published = Secret(**read_json(places.secret)), read_json(places.plan)
     if published["plan"] != plan.as_dict() or seed not in (None, secret.seed):
         raise IrtError(f"{places.out}: holds a proof of another plan or seed; choose another --out")
@@ -131,23 +107,25 @@ def begin(places: Places, plan: Plan, seed: int | None, provenance: Mapping[str,
     return secret
 
 
-def commit(places: Places, names: list[str]) -> None:
-    """Write the commitments to all rigs, whose labels are sealed."""
+def commit(places: Places, names: list[str], secret: Secret) -> None:
+    """Write the commitments to all rigs."""
     content = {
         "plan": digest(places.plan.read_bytes()),
-        "commitments": {name: read_json(places.seal(name))["commitment"] for name in names},
+        "commitments": {
+            name: commitment(secret.nonce, name, read_json(places.label(name))) for name in names
+        },
         "recordings": {name: digests(places.rig(name)) for name in names},
     }
     write_atomic(places.commitments, canonical(content))
 
 
 def release(places: Places, names: list[str], secret: Secret) -> None:
-    """Write the manifest of all answers, then the key for this manifest only, and open the seals.
+    """Write the manifest of all answers, then seed and nonce for this manifest, open the labels, and verify.
 
     Raises
     ------
     IrtError
-        If an answer is missing, or any part of the chain was altered.
+        If an answer is missing, or any part of the proof was altered.
     """
     if not places.manifest.exists():
         if missing := [name for name in names if not places.answer(name).exists()]:
@@ -157,19 +135,18 @@ def release(places: Places, names: list[str], secret: Secret) -> None:
         answers = {name: digests(places.answer(name)) for name in names}
         before = digest(places.commitments.read_bytes())
         write_atomic(places.manifest, canonical({"commitments": before, "answers": answers}))
-    hashed = digest(places.manifest.read_bytes())
     if not places.keys.exists():
+        hashed = digest(places.manifest.read_bytes())
         write_atomic(places.keys, canonical({"manifest": hashed, **vars(secret)}))
-    for name, content in _labels(places, names).items():
-        label = content["label"]
-        files = {"label.json": canonical(label)}
-        files.update({f"{run}.csv": test["csv"].encode() for run, test in label["tests"].items()})
-        shutil.rmtree(places.opened(name), ignore_errors=True)
-        write_folder(places.opened(name), files)
+    make_folder(places.out / "opened")
+    for name in names:
+        if not places.opened(name).exists():
+            write_folder(places.opened(name), _opened(read_json(places.label(name))))
+    verify(places.out)
 
 
 def verify(out: Path) -> int:
-    """Check a proof, and return its number of rigs; without ``seals/``, check the published chain alone.
+    """Check a proof, and return its number of rigs; without ``opened/``, check the published chain alone.
 
     Raises
     ------
@@ -186,24 +163,36 @@ def verify(out: Path) -> int:
             raise IrtError(
                 f"{out}: not finished: no {path.name} yet, {done} of {plan.rigs} rigs are diagnosed"
             )
-    _check_links(places)
+    for before, path in pairwise(places.out / name for name in CHAIN):
+        if read_json(path)[before.stem] != digest(before.read_bytes()):
+            raise IrtError(f"{before}: not the one that {path.name} is of: one of them was altered")
     if names != list(read_json(places.commitments)["commitments"]):
         raise IrtError(f"{places.commitments}: not the rigs of the plan: one of them was altered")
     keys = read_json(places.keys)
-    secret = Secret(keys["seed"], keys["key"], keys["nonce"])
+    secret = Secret(keys["seed"], keys["nonce"])
     if published["seed"] != secret.commitment:
         raise IrtError(f"{places.keys}: not the seed that the plan is committed to: it was altered")
-    if not places.seal(names[0]).parent.is_dir():
-        return plan.rigs
-    labels = _labels(places, names)
-    for name, kind in zip(names, plan.order(secret.seed), strict=True):
-        label = labels[name]["label"]
-        if label != read_json(places.opened(name) / "label.json"):
-            raise IrtError(f"{name}: the label that was opened is not the one that was sealed")
-        _check_code(places, name)
-        if not is_of_kind(label["kind"], kind):
-            raise IrtError(f"{name}: its label is not of the kind that plan and seed give it")
+    if places.opened(names[0]).parent.is_dir():
+        for name, kind in zip(names, plan.order(secret.seed), strict=True):
+            _check_rig(places, name, kind, secret)
     return plan.rigs
+
+
+def _check_rig(places: Places, name: str, kind: str, secret: Secret) -> None:
+    """Raise unless label, held-out runs, recordings and answer of a rig are those of the chain."""
+    committed, answers = read_json(places.commitments), read_json(places.manifest)["answers"]
+    label = read_json(places.opened(name) / "label.json")
+    if answers.get(name) != digests(places.answer(name)):
+        raise IrtError(f"{name}: the answer is not the one of the manifest: it was altered afterwards")
+    if committed["commitments"][name] != commitment(secret.nonce, name, label):
+        raise IrtError(f"{name}: the label does not fit its published commitment: one of them was altered")
+    if digests(places.opened(name)) != {one: digest(data) for one, data in _opened(label).items()}:
+        raise IrtError(f"{name}: the held-out runs are not those of the label: they were altered")
+    if committed["recordings"][name] != digests(places.rig(name)):
+        raise IrtError(f"{name}: its recordings are not those that were committed to: they were altered")
+    _check_code(places, name)
+    if group_of(label)[0] != kind:
+        raise IrtError(f"{name}: its label is not of the kind that plan and seed give it")
 
 
 def _check_code(places: Places, name: str) -> None:
@@ -213,26 +202,10 @@ def _check_code(places: Places, name: str) -> None:
         raise IrtError(f"{name}: diagnosed by {found}, and the plan is of {planned}: the code was changed")
 
 
-def _check_links(places: Places) -> None:
-    """Raise unless each file of the chain holds the SHA-256 of the one before it."""
-    chain = [places.out / name for name in CHAIN]
-    for before, path in pairwise(chain):
-        if read_json(path)[before.stem] != digest(before.read_bytes()):
-            raise IrtError(f"{before}: not the one that {path.name} is of: one of them was altered")
-
-
-def _labels(places: Places, names: list[str]) -> dict[str, dict[str, Any]]:
-    """Return the contents of the seals, by rig, after a check of the whole chain."""
-    _check_links(places)
-    key, found = read_json(places.keys)["key"], {}
-    commitments, answers = read_json(places.commitments)["commitments"], read_json(places.manifest)["answers"]
-    for name in names:
-        if answers.get(name) != digests(places.answer(name)):
-            raise IrtError(f"{name}: the answer is not the one of the manifest: it was altered afterwards")
-        found[name] = open_seal(name, read_json(places.seal(name)), key, commitments[name])
-        if found[name]["recordings"] != digests(places.rig(name)):
-            raise IrtError(f"{name}: its recordings are not those that were sealed: they were altered")
-    return found
+def _opened(label: Mapping[str, Any]) -> dict[str, bytes]:
+    """Return the files of an opened label: itself, and the held-out runs."""
+    runs = {f"{run}.csv": test["csv"].encode() for run, test in label["tests"].items()}
+    return {"label.json": canonical(label), **runs}
 
 
 def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:

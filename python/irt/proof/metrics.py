@@ -10,16 +10,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from irt.catalogue import hypothetical
 from irt.diagnosis.result import UNLISTED
-from irt.proof.plan import NULLS, SIZES
+from irt.proof.plan import NULLS, SEVERAL, SIZES
 from irt.proof.score import NOTHING, RigScore, matched
 
 #: Edges of the bins of signal over noise.
 BINS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, math.inf)
 #: Signal over noise above which an effect must be named.
 CLEAR = 5.0
-#: The only promise that is a median and not a rate.
-GAP_CLOSED = "held-out gap closed, median"
+#: The worlds of a full proof, by the words of the page.
+PYBULLET, MUJOCO, CAMERA = "PyBullet", "MuJoCo", "through a camera"
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,34 @@ class Rate:
 
         interval = binomtest(self.good, self.of).proportion_ci(method="wilson")
         return float(interval.low), float(interval.high)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The difference of two rates, with Newcombe's 95 % interval (1998, method 10)."""
+
+    first: Rate
+    second: Rate
+
+    @property
+    def of(self) -> int:
+        """The number of trials of both; 0 if either has none."""
+        return self.first.of + self.second.of if self.first.of and self.second.of else 0
+
+    @property
+    def share(self) -> float:
+        """The first rate minus the second, NaN if either has no trials."""
+        return self.first.share - self.second.share
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval; from -1 to 1 if either has no trials."""
+        if not self.of:
+            return -1.0, 1.0
+        one, other = self.first.share, self.second.share
+        (low, high), (least, most) = self.first.interval, self.second.interval
+        below, above = math.hypot(one - low, most - other), math.hypot(high - one, other - least)
+        return self.share - below, self.share + above
 
 
 @dataclass(frozen=True)
@@ -109,6 +138,8 @@ class Floor:
         Whether the value keeps the promise; None if nothing was counted.
     sure : bool
         Whether the whole interval agrees, which needs many rigs.
+    is_rate : bool
+        Whether it is a rate, or a difference of rates, which is shown in percent.
     """
 
     what: str
@@ -119,25 +150,27 @@ class Floor:
     of: int
     kept: bool | None
     sure: bool = True
+    is_rate: bool = True
 
     @classmethod
     def between(
         cls,
         what: str,
         promise: str,
-        measured: Rate | Quantity,
+        measured: Rate | Quantity | Difference,
         *,
         least: float = -math.inf,
-        most: float = 1.0,
+        most: float = math.inf,
     ) -> Floor:
         """Return the floor of a value that must lie between two limits."""
-        if isinstance(measured, Rate):
-            value, (low, high) = measured.share, measured.interval
-        else:
+        if isinstance(measured, Quantity):
             value, low, high = measured.value, measured.low, measured.high
+        else:
+            value, (low, high) = measured.share, measured.interval
         kept = least <= value <= most if measured.of else None
         sure = least <= low <= high <= most if kept else high < least or low > most
-        return cls(what, promise, value, low, high, measured.of, kept, sure)
+        is_rate = not isinstance(measured, Quantity)
+        return cls(what, promise, value, low, high, measured.of, kept, sure, is_rate)
 
 
 @dataclass(frozen=True)
@@ -156,12 +189,24 @@ def nulls(scores: Iterable[RigScore]) -> list[RigScore]:
 
 def of_catalogue(scores: Iterable[RigScore]) -> list[RigScore]:
     """Return the rigs with hidden effects of the catalogue."""
-    return [one for one in scores if one.group in SIZES]
+    return [one for one in scores if one.group in (*SIZES, SEVERAL)]
 
 
 def in_group(scores: Iterable[RigScore], group: str) -> list[RigScore]:
     """Return the rigs of one kind."""
     return [one for one in scores if one.group == group]
+
+
+def world_of(score: RigScore) -> str:
+    """Return the world in which a rig was recorded, in words; empty if it does not say."""
+    if score.through_camera:
+        return CAMERA
+    return {"pybullet": PYBULLET, "mujoco": MUJOCO}.get(score.engine, score.engine)
+
+
+def in_world(scores: Iterable[RigScore], world: str) -> list[RigScore]:
+    """Return the rigs of one world."""
+    return [one for one in scores if world_of(one) == world]
 
 
 def is_clear(score: RigScore) -> bool:
@@ -187,6 +232,37 @@ def coverage(scores: Iterable[RigScore], *, of_effects: bool | None = None) -> t
     ]
     closed = [held for held in outcomes if held != "open"]
     return Rate(closed.count("yes"), len(closed)), len(outcomes) - len(closed)
+
+
+@dataclass(frozen=True)
+class Decile:
+    """Inclusion probabilities in a tenth of the range: its number, their mean, how many effects act."""
+
+    number: int
+    mean: float
+    rate: Rate
+
+
+def calibration(scores: Iterable[RigScore]) -> list[Decile]:
+    """Return how often effects act, by the probability that a diagnosis gave to it, in deciles that have any.
+
+    An effect of the catalogue that a diagnosis does not list counts with a probability of 0, so that what was
+    missed counts too.
+    """
+    names = [one.name for one in hypothetical()]
+    pairs = [
+        (one.inclusion.get(name, 0.0), name in one.kinds)
+        for one in scores
+        if one.verdict != "failed"
+        for name in dict.fromkeys([*names, *one.inclusion])
+    ]
+    deciles = []
+    for decile in range(10):
+        among = [pair for pair in pairs if min(int(10 * pair[0]), 9) == decile]
+        if among:
+            mean = float(np.mean([value for value, _ in among]))
+            deciles.append(Decile(decile, mean, Rate(sum(true for _, true in among), len(among))))
+    return deciles
 
 
 def gaps(scores: Iterable[RigScore]) -> list[float]:
@@ -233,25 +309,44 @@ def power(scores: Iterable[RigScore]) -> list[Bin]:
 def floors(scores: Sequence[RigScore]) -> list[Floor]:
     """Return the promises of a proof with their measured values."""
     known = of_catalogue(scores)
-    gap = Quantity.median(gaps(known))
-    held, _ = coverage(scores)
+    pairs, triples, unlisted = (in_group(scores, group) for group in ("pair", "triple", UNLISTED))
+    worlds = {world: rate_right(in_world(known, world)) for world in (PYBULLET, MUJOCO, CAMERA)}
     return [
-        Floor.between("false alarms", "at most 2 %", Rate.over(nulls(scores), _alarmed), most=0.02),
+        Floor.between("false alarms", "at most 1 %", Rate.over(nulls(scores), _alarmed), most=0.01),
         Floor.between(
             f"named, or in a declared tie, where the signal is at least {CLEAR:g} times the noise",
-            "at least 90 %",
-            Rate.over([one for one in known if is_clear(one)], lambda one: one.found),
-            least=0.9,
+            "at least 95 %",
+            rate_right([one for one in known if is_clear(one)]),
+            least=0.95,
         ),
-        Floor.between(GAP_CLOSED, "at least 0.95", gap, least=0.95, most=math.inf),
-        Floor.between("95 % intervals that contain the truth", "85 to 99 %", held, least=0.85, most=0.99),
+        Floor.between("both effects of a pair", "at least 88 %", rate_right(pairs), least=0.88),
+        Floor.between("all of three effects", "at least 70 %", rate_right(triples), least=0.7),
+        Floor.between("effects named through a camera", "at least 88 %", worlds[CAMERA], least=0.88),
         Floor.between(
-            "unlisted physics reported as such",
-            "at least 80 %",
-            Rate.over(in_group(scores, UNLISTED), lambda one: one.found),
-            least=0.8,
+            "effects named in PyBullet minus in MuJoCo",
+            "at most 5 points",
+            Difference(worlds[PYBULLET], worlds[MUJOCO]),
+            most=0.05,
+        ),
+        Floor.between(
+            "held-out gap closed, median", "at least 0.95", Quantity.median(gaps(known)), least=0.95
+        ),
+        Floor.between(
+            "95 % intervals that contain the truth", "85 to 99 %", coverage(scores)[0], least=0.85, most=0.99
+        ),
+        Floor.between("unlisted physics reported as such", "at least 80 %", rate_right(unlisted), least=0.8),
+        Floor.between(
+            "unlisted physics, held-out gap closed, median",
+            "at least 0.75",
+            Quantity.median(gaps(unlisted)),
+            least=0.75,
         ),
     ]
+
+
+def rate_right(scores: Iterable[RigScore]) -> Rate:
+    """Return the rate of right answers."""
+    return Rate.over(scores, lambda one: one.found)
 
 
 def _alarmed(score: RigScore) -> bool:

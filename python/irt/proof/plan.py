@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from irt.diagnosis.result import UNLISTED
 from irt.errors import IrtError
 
-#: Kinds of rigs; the first two have no hidden physics.
-KINDS = ("none", "outliers", "single", "pair", "triple", "unlisted")
 #: Kinds that hide effects of the catalogue, with their numbers.
 SIZES = {"single": 1, "pair": 2, "triple": 3}
+SEVERAL = "several"
 NULLS = ("none", "outliers")
 #: Shares of the kinds among rigs with hidden physics, and among those without.
 _HIDDEN = {"single": 0.5, "pair": 0.2, "triple": 0.1, "unlisted": 0.2}
 _NOTHING = {"none": 0.9, "outliers": 0.1}
+#: Rigs with and without hidden physics in the full proof.
+FULL = (300, 300)
+#: Worlds of a full proof, which take turns by the index of a rig; each gets a third of each kind.
+WORLDS = 3
 
 
 @dataclass(frozen=True)
@@ -62,21 +67,34 @@ class Plan:
         return [f"rig-{number:04d}" for number in range(1, self.rigs + 1)]
 
     def order(self, seed: int) -> list[str]:
-        """Return the kind of each rig, shuffled by the secret seed."""
-        kinds = [kind for kind in KINDS for _ in range(getattr(self, kind))]
-        places = np.random.default_rng(_mixed(seed, "order")).permutation(len(kinds))
-        return [kinds[place] for place in places]
+        """Return the kind of each rig, shuffled by the secret seed.
+
+        The numbers of rigs of a kind in any two worlds differ by at most one.
+        """
+        kinds = [kind for kind, count in self.as_dict().items() for _ in range(count)]
+        random = np.random.default_rng(_mixed(seed, "order"))
+        # The i-th rig of the sorted kinds goes to one of the places of world i modulo WORLDS.
+        order = [""] * len(kinds)
+        for world in range(WORLDS):
+            places = range(world, len(kinds), WORLDS)
+            for place, rig in zip(places, random.permutation(np.array(places)), strict=True):
+                order[place] = kinds[rig]
+        return order
 
     def as_dict(self) -> dict[str, int]:
         """Return the plan as JSON content."""
         return asdict(self)
 
 
-def is_of_kind(hidden: Any, kind: str) -> bool:
-    """Return whether the ``kind`` of a label, an effect or several or a word, is of a kind of rigs."""
-    if kind in SIZES:
-        return (1 if isinstance(hidden, str) else len(hidden)) == SIZES[kind]
-    return str(hidden).startswith(kind)
+def group_of(label: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
+    """Return the kind of a rig and its hidden physics; "several" for more effects than a plan knows."""
+    kind = label["kind"]
+    if isinstance(kind, list | tuple):
+        names = tuple(str(one) for one in kind)
+        return next((group for group, size in SIZES.items() if size == len(names)), SEVERAL), names
+    if kind in NULLS:
+        return str(kind), ()
+    return (UNLISTED if str(kind).startswith(UNLISTED) else "single"), (str(kind),)
 
 
 def seed_of(seed: int, index: int) -> int:

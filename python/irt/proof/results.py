@@ -13,6 +13,7 @@ from irt.proof.further import Resolved, all_resolved
 from irt.proof.hash_chain import Places
 from irt.proof.metrics import Floor, floors
 from irt.proof.plan import Plan
+from irt.proof.provenance import this_code
 from irt.proof.score import RigScore, score_rig
 from irt.proof.seal import canonical
 
@@ -30,7 +31,7 @@ class Results:
     ties : tuple of Resolved
         Ties before and after one more run; empty without ties.
     provenance : dict
-        ``world``, ``code``, ``commit`` and ``seed``.
+        ``world``, ``code``, ``commit`` and ``seed``, and ``scorer``, the code that scored.
     """
 
     scores: tuple[RigScore, ...]
@@ -60,7 +61,8 @@ class Results:
         ]
         ties = tuple(all_resolved(scores, places.out / "further"))
         provenance = {name: str(published[name]) for name in ("world", "code", "commit")}
-        return cls(scores, tuple(entries), ties, {**provenance, "seed": str(keys["seed"])})
+        provenance.update(seed=str(keys["seed"]), scorer=this_code())
+        return cls(scores, tuple(entries), ties, provenance)
 
     @property
     def standings(self) -> list[Standing]:

@@ -22,7 +22,7 @@ from irt.proof import further
 from irt.proof.hash_chain import Places, Secret, begin, commit, release, write_folder
 from irt.proof.plan import Plan, seed_of
 from irt.proof.score import held_out, label_of
-from irt.proof.seal import canonical, close, digests
+from irt.proof.seal import canonical
 from irt.proof.world import World
 from irt.recording import Recording
 from irt.segments import LEAD_ROWS
@@ -107,9 +107,9 @@ class Proof:
     def _hide(self, secret: Secret) -> None:
         """Make the rigs, and publish the commitments to all of them."""
         names = self.plan.names()
-        for kind in ("rigs", "seals", "answers", "opened", "baselines", "further"):
+        for kind in ("rigs", "answers", "baselines", "further"):
             make_folder(self.places.out / kind)
-        left = [index for index, name in enumerate(names) if not self.places.seal(name).exists()]
+        left = [index for index, name in enumerate(names) if not self.places.label(name).exists()]
         if self.places.commitments.exists():
             left = []
         already = len(names) - len(left)
@@ -131,10 +131,10 @@ class Proof:
                     world.stop()
                 raise
         if not self.places.commitments.exists():
-            commit(self.places, names)
+            commit(self.places, names, secret)
 
     def _make(self, idle: Queue[World], index: int, secret: Secret) -> None:
-        """Make one rig in an idle world, and seal its label."""
+        """Make one rig in an idle world, and keep its label in the vault."""
         name = self.plan.names()[index]
         folder = self.places.rig(name)
         shutil.rmtree(folder, ignore_errors=True)
@@ -145,9 +145,7 @@ class Proof:
             label = world.ask({"make": asked})["label"]
         finally:
             idle.put(world)
-        # The label is bound to the recordings.
-        content = {"recordings": digests(folder), "label": label}
-        write_atomic(self.places.seal(name), canonical(close(name, content, secret.key)))
+        write_atomic(self.places.label(name), canonical(label))
 
     def _diagnose(self) -> None:
         names = self.plan.names()

@@ -4,27 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from irt.diagnosis.budget import REST, TRACKER
 from irt.diagnosis.result import UNLISTED
-from irt.errors import IrtError
 from irt.files import read_json
 from irt.model import Model, load_model
 from irt.proof.blind import SECONDS
-from irt.proof.plan import SIZES
+from irt.proof.plan import SIZES, group_of
 from irt.recording import Recording, load_recording
-from irt.residual import free_run_error
+from irt.residual import evaluate, free_run_error
 from irt.segments import LEAD_ROWS
 from irt.workers import FAILED
 
 NOTHING = "nothing"
 #: A rig has a gap if the base model's error exceeds the oracle's by at least this share.
 GAP = 0.1
+#: Digits of inclusion probabilities in scores, which each effect of the catalogue has in each rig.
+_DIGITS = 4
 #: Angles that are periodic, with their periods [rad].
 TURNS = {"grain_rad": math.pi, "phase_rad": 2.0 * math.pi}
 #: Effects that vary at random from run to run, so that no model predicts them: left out of gaps.
@@ -59,6 +61,24 @@ class Errors:
 
 
 @dataclass(frozen=True)
+class Budget:
+    """Shares of the base model's squared error in complete runs that it was not fitted to.
+
+    Attributes
+    ----------
+    effects, tracker : float
+        Shares of all named effects and of the tracker, by the diagnosis.
+    true_effects, true_tracker : float
+        Shares of the hidden effects and of the tracker's noise, by the true paths.
+    """
+
+    effects: float
+    tracker: float
+    true_effects: float
+    true_tracker: float
+
+
+@dataclass(frozen=True)
 class RigScore:
     """The score of one rig.
 
@@ -66,8 +86,8 @@ class RigScore:
     ----------
     rig : str
         Its name.
-    group : {"none", "outliers", "single", "pair", "triple", "unlisted"}
-        Kind of rig.
+    group : {"none", "outliers", "single", "pair", "triple", "several", "unlisted"}
+        Kind of rig; "several" for more than three effects.
     kinds : tuple of str
         Hidden physics: effects, or one ``unlisted_...``; empty without any.
     verdict : str
@@ -87,6 +107,11 @@ class RigScore:
     intervals : dict
         Whether the 95 % interval of each parameter contains the truth: "yes", "no", or "open" if it has an
         infinite end and so cannot fail on that side.
+    inclusion : dict
+        Probability that each effect of the catalogue acts, by the diagnosis.
+    budget : Budget or None
+        Where the base model's error goes; None without hidden effects of the catalogue, with random ones, or
+        if the diagnosis has no budget of complete runs.
     noise, sigma, through_camera, engine
         Kind of tracker noise, its standard deviation [board edges], whether pictures were tracked, and the
         engine that recorded it; empty if the world does not say.
@@ -113,6 +138,8 @@ class RigScore:
     false_alarm: bool = False
     errors: Errors | None = None
     intervals: dict[str, str] = field(default_factory=dict)
+    inclusion: dict[str, float] = field(default_factory=dict)
+    budget: Budget | None = None
     noise: str = "white"
     sigma: float = math.nan
     through_camera: bool = False
@@ -168,43 +195,50 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
     base, final = load_model(answer / "base.toml"), load_model(answer / "model.toml")
     tests, true = held_out(opened, label, base.start)
     kept = {one.name for one in tests}
-    return RigScore(
-        rig,
-        group,
-        kinds,
-        diagnosis["verdict"],
-        **naming(group, kinds, diagnosis),
-        errors=errors_of(base, final, tests, true, seen["sigma"]),
-        intervals=intervals(diagnosis, label["truth"]),
-        seconds=float(read_json(answer / SECONDS)["seconds"]),
-        left_out=tuple(name for name in label["tests"] if name not in kept),
-        **seen,
+    return judged(
+        RigScore(
+            rig,
+            group,
+            kinds,
+            diagnosis["verdict"],
+            errors=errors_of(base, final, tests, true, seen["sigma"]),
+            budget=budget_of(kinds, diagnosis, base, tests, true) if group in SIZES else None,
+            seconds=float(read_json(answer / SECONDS)["seconds"]),
+            left_out=tuple(name for name in label["tests"] if name not in kept),
+            **seen,
+        ),
+        diagnosis,
+        label["truth"],
+    )
+
+
+def judged(score: RigScore, diagnosis: Mapping[str, Any], truth: Mapping[str, Any]) -> RigScore:
+    """Return a score with all that a diagnosis says of names, intervals and probabilities.
+
+    Parameters
+    ----------
+    score : RigScore
+        With kind, hidden physics and errors of the rig.
+    diagnosis : mapping
+        Content of ``diagnosis.json``.
+    truth : mapping
+        True values of the parameters by name, and the true ``effects``.
+    """
+    return replace(
+        score,
+        **naming(score.group, score.kinds, diagnosis),
+        intervals=intervals(diagnosis, truth),
+        inclusion={
+            name: round(value, _DIGITS)
+            for name, value in diagnosis.get("inclusion", {}).items()
+            if value is not None
+        },
     )
 
 
 def label_of(opened: Path) -> dict[str, Any]:
     """Return the opened label of a rig."""
     return read_json(opened / "label.json")
-
-
-def group_of(label: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
-    """Return the kind of a rig and its hidden physics.
-
-    Raises
-    ------
-    IrtError
-        If the label is not of a known kind.
-    """
-    kind = label["kind"]
-    if isinstance(kind, list | tuple):
-        names = tuple(str(one) for one in kind)
-        groups = {size: group for group, size in SIZES.items()}
-        if len(names) not in groups:
-            raise IrtError(f"a label names {len(names)} effects; one to {max(groups)} were expected")
-        return groups[len(names)], names
-    if kind in ("none", "outliers"):
-        return str(kind), ()
-    return (UNLISTED if str(kind).startswith(UNLISTED) else "single"), (str(kind),)
 
 
 def naming(group: str, kinds: Sequence[str], diagnosis: Mapping[str, Any]) -> dict[str, Any]:
@@ -259,6 +293,24 @@ def errors_of(
         oracle=float(np.mean(missed)),
         signal=mean_error(base, true) / sigma,
     )
+
+
+def budget_of(
+    kinds: Sequence[str],
+    diagnosis: Mapping[str, Any],
+    base: Model,
+    tests: Sequence[Recording],
+    true: Sequence[Recording],
+) -> Budget | None:
+    """Return the shares of the base model's squared error by the diagnosis, and by the true paths."""
+    said = {one["what"]: one["share"] for one in diagnosis.get("budget", []) if one["horizon_s"] is None}
+    if not said or not tests or CHANCE in kinds:
+        return None
+    seen, clean = (np.concatenate([one.marble for one in runs]) for runs in (tests, true))
+    predicted = np.concatenate([one.free_prediction for one in evaluate(base, tests).runs])
+    tracker = min(float(np.nanmean((seen - clean) ** 2) / np.nanmean((seen - predicted) ** 2)), 1.0)
+    effects = sum(share for what, share in said.items() if what not in (TRACKER, REST))
+    return Budget(effects, said.get(TRACKER, 0.0), 1.0 - tracker, tracker)
 
 
 def held_out(opened: Path, label: Mapping[str, Any], start: str) -> tuple[list[Recording], list[Recording]]:

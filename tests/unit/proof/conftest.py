@@ -143,7 +143,12 @@ def _scores() -> Callable[..., RigScore]:
     count = iter(range(1, 10_000))
 
     def make(group: str = "single", **values: Any) -> RigScore:
-        kinds = {"single": ("delay",), "pair": ("delay", "bump"), "unlisted": ("unlisted_x",)}.get(group, ())
+        kinds = {
+            "single": ("delay",),
+            "pair": ("delay", "bump"),
+            "triple": ("delay", "bump", "lag"),
+            "unlisted": ("unlisted_x",),
+        }.get(group, ())
         given = {
             "rig": f"rig-{next(count):04d}",
             "kinds": kinds,

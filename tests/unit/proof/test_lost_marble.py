@@ -166,7 +166,7 @@ def test_a_lost_rig_costs_the_proof_one_rig(lose, tmp_path: Path) -> None:
     assert results.standings[0].seconds == 1.5
     assert "The tracker lost the marble in 1 rig, counted as failed." in verdict(results)
     page = write_scorecard(tmp_path / "p.md", results, places, {}).read_text()
-    assert f"| rig-0002 | parallax | failed |  |  |  | white | {rig.reason} |" in page
+    assert f"| rig-0002 |  | parallax | failed |  |  |  | white | {rig.reason} |" in page
     assert "The tracker lost the marble in 1 rig (rig-0002)" in page
     assert json.dumps(rig.as_dict(), allow_nan=False)
 

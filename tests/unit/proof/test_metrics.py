@@ -6,8 +6,19 @@ import math
 
 import pytest
 
+from irt.catalogue import hypothetical
 from irt.proof.contested import Contestant, is_ahead, of_diagnosis, standing
-from irt.proof.metrics import BINS, Quantity, Rate, confusion, coverage, floors, gaps, power
+from irt.proof.metrics import (
+    BINS,
+    Difference,
+    Quantity,
+    Rate,
+    calibration,
+    confusion,
+    coverage,
+    floors,
+    power,
+)
 from irt.proof.score import Errors
 
 
@@ -97,22 +108,52 @@ def test_coverage_leaves_open_intervals_out(score) -> None:
 
 def test_floors(score) -> None:
     scores = [
-        *[score(intervals={"gear_x": "yes" if i else "no"}) for i in range(19)],
-        score(found=False),
-        score(found=False, errors=errors(signal=2.0, final=0.018)),
+        *[score(engine="pybullet", intervals={"gear_x": "yes" if i else "no"}) for i in range(19)],
+        score(engine="pybullet", found=False),
+        score(engine="pybullet", found=False, errors=errors(signal=2.0, final=0.018)),
+        score("pair", engine="mujoco"),
+        score("pair", engine="mujoco", found=False),
+        score("triple", engine="pybullet", through_camera=True),
         score("unlisted", found=True),
         score("none"),
         score("none", false_alarm=True, found=False),
     ]
-    measured = {one.what.split(",")[0]: (round(one.value, 3), one.of, one.kept) for one in floors(scores)}
+    measured = {
+        one.what.split(" where")[0]: (round(one.value, 3), one.of, one.kept) for one in floors(scores)
+    }
     assert measured == {
         "false alarms": (0.5, 2, False),
-        "named": (0.95, 20, True),
-        "held-out gap closed": (0.995, 21, True),
+        "named, or in a declared tie,": (0.913, 23, False),
+        "both effects of a pair": (0.5, 2, False),
+        "all of three effects": (1.0, 1, True),
+        "effects named through a camera": (1.0, 1, True),
+        "effects named in PyBullet minus in MuJoCo": (0.405, 23, False),
+        "held-out gap closed, median": (0.995, 24, True),
         "95 % intervals that contain the truth": (0.947, 19, True),
         "unlisted physics reported as such": (1.0, 1, True),
+        "unlisted physics, held-out gap closed, median": (0.995, 1, True),
     }
-    assert len(gaps(scores)) == 22
+
+
+def test_intervals_of_differences() -> None:
+    """Newcombe (1998, Statistics in Medicine 17:873), Table II, method 10: 56/70 minus 48/80."""
+    one = Difference(Rate(56, 70), Rate(48, 80))
+    assert one.share == pytest.approx(0.2)
+    assert one.interval == pytest.approx((0.0524, 0.3339), abs=5e-5)
+    unknown = Difference(Rate(1, 1), Rate(0, 0))
+    assert (unknown.of, unknown.interval) == (0, (-1.0, 1.0))
+
+
+def test_probabilities_by_decile(score) -> None:
+    often, seldom = {"delay": 0.95, "lag": 0.91, "bump": 0.0}, {"delay": 1.0, "lag": 0.34}
+    missed, failed = score("pair", inclusion={"delay": 0.95}), score(verdict="failed")
+    found = calibration([score(inclusion=often), score(inclusion=seldom), missed, failed])
+    effects = 3 * len(hypothetical())
+    assert [(one.number, round(one.mean, 2), one.rate) for one in found] == [
+        (0, 0.0, Rate(1, effects - 5)),
+        (3, 0.34, Rate(0, 1)),
+        (9, 0.95, Rate(3, 4)),
+    ]
 
 
 def test_a_small_proof_is_not_sure(score) -> None:

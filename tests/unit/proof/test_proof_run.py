@@ -12,8 +12,8 @@ import pytest
 
 from irt.errors import IrtError
 from irt.proof.hash_chain import CHAIN, Places, Secret, release, verify
-from irt.proof.plan import Plan
-from irt.proof.seal import canonical, close, digest, digests
+from irt.proof.plan import WORLDS, Plan
+from irt.proof.seal import canonical, digest, digests
 from irt.proof.world import World
 
 
@@ -56,6 +56,16 @@ def test_the_same_seed_hides_the_same(prove, files, tmp_path: Path) -> None:
     assert files(prove().out / "rigs") == first
     (tmp_path / "proof").rename(tmp_path / "second")
     assert files(prove(seed=6).out / "rigs") != first
+
+
+@pytest.mark.parametrize("plan", [Plan.of(20, 20), Plan(single=4, triple=2, none=1)])
+def test_each_world_gets_its_third_of_each_kind(plan: Plan) -> None:
+    for seed in range(20):
+        order = plan.order(seed)
+        for kind, count in plan.as_dict().items():
+            shares = [order[world::WORLDS].count(kind) for world in range(WORLDS)]
+            assert sum(shares) == count
+            assert max(shares) - min(shares) <= 1
 
 
 def test_kinds_are_shuffled_by_the_seed_alone() -> None:
@@ -125,10 +135,11 @@ def test_rigs_half_made_are_made_again(prove, files, monkeypatch, tmp_path: Path
     monkeypatch.undo()
     places = Places(tmp_path / "proof")
     assert not places.commitments.exists()
-    sealed = files(places.out / "seals")
+    sealed = files(places.out / "vault")
     (places.rig("rig-0003") / "train-9.csv").write_text("half")
     prove()
-    assert {name: files(places.out / "seals")[name] for name in sealed} == sealed
+    assert len(sealed) == 3
+    assert {name: files(places.out / "vault")[name] for name in sealed} == sealed
     assert not (places.rig("rig-0003") / "train-9.csv").exists()
     assert verify(places.out) == 3
 
@@ -184,10 +195,10 @@ def test_no_file_but_the_vault_says_what_is_hidden(prove, hat, tmp_path: Path) -
     places = Places(tmp_path / "proof")
     secret = json.loads(places.secret.read_text())
     for path in places.out.rglob("*"):
-        if path.is_file() and path != places.secret:
+        if path.is_file() and path.parent != places.secret.parent:
             text = path.read_text()
             assert "parallax" not in text
-            assert not any(f"{one}" in text for one in (secret["key"], secret["nonce"]))
+            assert secret["nonce"] not in text
 
 
 def altered_answer(places: Places) -> None:
@@ -208,18 +219,16 @@ def altered_opened_label(places: Places) -> None:
     path.write_text(path.read_text().replace("0.06", "0.07"))
 
 
-def exchanged_seals(places: Places) -> None:
-    one, other = (places.seal(name).read_text() for name in ("rig-0001", "rig-0002"))
-    places.seal("rig-0002").write_text(one)
-    places.seal("rig-0001").write_text(other)
+def exchanged_labels(places: Places) -> None:
+    one, other = (places.opened(name) for name in ("rig-0001", "rig-0002"))
+    one.rename(one.with_name("between"))
+    other.rename(one)
+    one.with_name("between").rename(other)
 
 
-def another_label_under_the_same_key(places: Places) -> None:
-    """Whoever has the key can encrypt another label; the commitment stands against it."""
-    label = json.loads((places.opened("rig-0002") / "label.json").read_text())
-    content = {"recordings": digests(places.rig("rig-0002")), "label": {**label, "kind": "lag"}}
-    key = json.loads(places.keys.read_text())["key"]
-    places.seal("rig-0002").write_bytes(canonical(close("rig-0002", content, key)))
+def altered_held_out_run(places: Places) -> None:
+    path = places.opened("rig-0002") / "test-1.csv"
+    path.write_text(path.read_text().replace("1", "2"))
 
 
 def rewritten(places: Places, name: str, **changed: object) -> None:
@@ -232,8 +241,8 @@ def rewritten(places: Places, name: str, **changed: object) -> None:
         (places.out / after).write_bytes(canonical(content))
 
 
-def altered_key(places: Places) -> None:
-    rewritten(places, "keys.json", key="00" * 32)
+def another_nonce(places: Places) -> None:
+    rewritten(places, "keys.json", nonce="00" * 32)
 
 
 def another_seed(places: Places) -> None:
@@ -273,11 +282,11 @@ def another_code(places: Places) -> None:
     [
         (altered_answer, "rig-0002: the answer is not the one of the manifest"),
         (answer_more, "rig-0002: the answer is not the one of the manifest"),
-        (altered_recording, "rig-0002: its recordings are not those that were sealed"),
-        (altered_opened_label, "rig-0002: the label that was opened is not the one that was sealed"),
-        (exchanged_seals, "rig-0001: the sealed label does not open"),
-        (another_label_under_the_same_key, "rig-0002: the label does not fit its published commitment"),
-        (altered_key, "rig-0001: the sealed label does not open"),
+        (altered_recording, "rig-0002: its recordings are not those that were committed to"),
+        (altered_opened_label, "rig-0002: the label does not fit its published commitment"),
+        (altered_held_out_run, "rig-0002: the held-out runs are not those of the label"),
+        (exchanged_labels, "rig-0001: the label does not fit its published commitment"),
+        (another_nonce, "keys.json: not the seed that the plan is committed to"),
         (another_seed, "keys.json: not the seed that the plan is committed to"),
         (fewer_rigs, "commitments.json: not the rigs of the plan"),
         (another_kind, "its label is not of the kind that plan and seed give it"),

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from irt.engine import rollouts
-from irt.errors import IrtError
 from irt.model import Effect, Model, save_model
-from irt.proof.score import Errors, group_of, intervals, matched, naming, score_rig
-from irt.recording import Recording
+from irt.proof.plan import group_of
+from irt.proof.score import Errors, intervals, matched, naming, score_rig
+from irt.recording import Recording, load_recording
 from irt.rig import RANGES, Board, Marble, Rig
 
 VALUES = (0.06, 0.05, 4e-4, 15.0, 1.0)
@@ -74,9 +74,11 @@ def test_a_name_stands_for_one_effect() -> None:
     assert matched(["lag", "delay"], {"x": ["lag", "delay"], "lag": []}) == {"lag": "lag", "delay": "x"}
 
 
-def test_four_hidden_effects_are_no_label() -> None:
-    with pytest.raises(IrtError, match="names 4 effects; one to 3 were expected"):
-        group_of({"kind": ["a", "b", "c", "d"]})
+@pytest.mark.parametrize(
+    ("kind", "group"), [(["a"], "single"), (["a", "b", "c"], "triple"), (["a", "b", "c", "d"], "several")]
+)
+def test_labels_of_several_effects(kind: list[str], group: str) -> None:
+    assert group_of({"kind": kind}) == (group, tuple(kind))
 
 
 def test_intervals_of_what_is_known() -> None:
@@ -170,6 +172,20 @@ def test_errors_on_runs_held_out(opened) -> None:
     assert base.shape == (1, 1, 2)
     assert score.errors.signal == pytest.approx(score.errors.base / SIGMA, rel=0.1)
     assert score.errors.signal > 5.0
+    assert score.budget is None
+    said = json.loads((answer / "diagnosis.json").read_text())
+    shares = {"tilt_bias": 0.9, "tracker": 0.06, "not repeatable": 0.04}
+    said["budget"] = [{"what": what, "share": share, "horizon_s": None} for what, share in shares.items()]
+    said["budget"].append({"what": "tracker", "share": 0.5, "horizon_s": 1.0})
+    said["inclusion"] = {"tilt_bias": 0.99, "lag": 0.01}
+    (answer / "diagnosis.json").write_text(json.dumps(said))
+    again = score_rig("rig-0001", answer, folder)
+    assert (again.inclusion, again.budget.effects, again.budget.tracker) == (said["inclusion"], 0.9, 0.06)
+    path = rollouts([VALUES], load_recording(folder / "test-1.csv").knobs, time_step="continuous")[0]
+    begun = np.vstack([clean[:1], seen[1:]])
+    share = ((begun - clean) ** 2).mean() / ((begun - path) ** 2).mean()
+    assert again.budget.true_tracker == pytest.approx(share, rel=1e-3)
+    assert again.budget.true_effects == pytest.approx(1.0 - share, rel=1e-3)
     assert (score.noise, score.through_camera, score.seconds) == ("heavy", True, 2.5)
     assert json.dumps(score.as_dict(), allow_nan=False)
 

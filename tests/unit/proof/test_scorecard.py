@@ -8,14 +8,16 @@ from pathlib import Path
 
 import pytest
 
+from irt.catalogue import hypothetical
 from irt.proof.contest import METHODS
 from irt.proof.contested import Contestant
 from irt.proof.hash_chain import CHAIN, Places, verify
 from irt.proof.results import Results
+from irt.proof.score import Budget
 from irt.proof.scorecard import verdict, write_scorecard
 from irt.proof.seal import digest
 
-PICTURES = ("confusion.png", "coverage.png", "gaps.png", "power.png")
+PICTURES = ("budget.png", "confusion.png", "coverage.png", "gaps.png", "power.png", "reliability.png")
 SETTINGS = {"command": "`irt prove`"}
 
 
@@ -24,11 +26,20 @@ def results(scores) -> Results:
     """Return some of everything."""
     score = scores()
     scores = [
-        *[score(intervals={"gear_x": "yes", "delay.delay_s": "no"}) for _ in range(4)],
+        *[
+            score(
+                intervals={"gear_x": "yes", "delay.delay_s": "no"},
+                inclusion={"delay": 0.95, "lag": 0.02},
+                budget=Budget(0.9, 0.1, 0.95, 0.05),
+                engine=engine,
+            )
+            for engine in ["pybullet"] * 3
+        ],
+        score(inclusion={"lag": 0.95, "bump": 0.02}, engine="mujoco"),
         score(named=("lag",), ties={"lag": ["latency"]}, exact=False, found=False, noise="heavy"),
         score(verdict="failed", found=False, exact=False, named=(), errors=None, reason="a | b"),
         score("pair", named=("delay",), found=False, through_camera=True),
-        score("unlisted", verdict="unlisted", named=("unlisted",)),
+        score("unlisted", verdict="unlisted", named=("unlisted",), inclusion={"lag": 0.05}),
         score("none"),
         score("outliers", verdict="missing", named=("bump",), false_alarm=True, found=False),
     ]
@@ -43,32 +54,63 @@ def results(scores) -> Results:
 @pytest.fixture(scope="module")
 def page(results: Results, finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "docs" / "proof.md"
-    return write_scorecard(path, results, Places(finished), SETTINGS, raw=True)
+    return write_scorecard(path, results, Places(finished), SETTINGS, publish=True)
 
 
-def test_the_first_ten_lines_say_the_answer(page: Path, results: Results) -> None:
-    head = page.read_text().splitlines()[:10]
+def test_it_opens_with_how_then_the_answer_then_what_failed(page: Path, results: Results) -> None:
+    head = page.read_text().splitlines()[:14]
     assert head[0] == "# Proof by concealment"
-    assert head[2] == f"**{verdict(results)}**"
-    assert "8 rigs with hidden physics and 2 without, diagnosed blind: " in head[2]
-    assert "Missed: false alarms; " in head[2]
-    assert any(line.startswith("| false alarms | at most 2 % | 50.0 % ") for line in head)
+    assert head[2].count(". ") == 4
+    assert head[4].startswith("With 8 rigs with hidden physics and 2 without, this proof is smaller than ")
+    assert head[6] == f"**{verdict(results)}**"
+    assert "8 rigs with hidden physics and 2 without, diagnosed blind: " in head[6]
+    assert "Missed: false alarms; " in head[6]
+    assert any(line.startswith("| false alarms | at most 1 % | 50.0 % ") for line in head)
     assert sum("**no**" in line for line in head) >= 2
+    titles = re.findall("^## (.*)", page.read_text(), re.MULTILINE)
+    assert titles[:3] == ["What was found", "What failed", "Runs held out"]
+
+
+def test_a_full_proof_is_not_called_smaller(score, places, tmp_path: Path) -> None:
+    scores = (*(score(budget=None) for _ in range(300)), *(score("none") for _ in range(300)))
+    page = write_scorecard(tmp_path / "proof.md", Results(scores), places, SETTINGS)
+    assert "smaller" not in page.read_text()
+
+
+def test_answers_by_world(page: Path) -> None:
+    lines = page.read_text().splitlines()
+    assert "| hidden: right answers | PyBullet | MuJoCo | through a camera | all |" in lines
+    cells = ("100.0 % (43.9 to 100.0) of 3", "100.0 % (20.7 to 100.0) of 1", "", "66.7 % (30.0 to 90.3) of 6")
+    assert f"| one effect | {' | '.join(cells)} |" in lines
+    assert "| x | 1 | 1 | 0.99 |" in lines
+
+
+def test_calibration_is_counted_by_decile_and_unlisted_rigs_stand_apart(page: Path) -> None:
+    lines = page.read_text().splitlines()
+    assert any(line.startswith("| 0.9 to 1.0 | 0.950 | 75.0 % ") for line in lines)
+    (lowest,) = [line for line in lines if line.startswith("| 0.0 to 0.1 ")]
+    count = len(hypothetical())
+    assert lowest.startswith(f"| 0.0 to 0.1 | 0.000 | {400 / (8 * count - 4):.1f} % ")
+    assert f" of {8 * count - 4} | 0.0 % " in lowest
+    assert lowest.endswith(f" of {count} |")
+    assert "| effects | 0.900 | 0.950 | 0.050 | 0.050 |" in lines
 
 
 def test_what_failed_is_listed_with_its_reason(page: Path) -> None:
     text = page.read_text()
-    cases = text[text.index("## Cases that failed") : text.index("## How it was done")]
+    cases = text[text.index("## What failed") : text.index("## Runs held out")]
     rows = [line for line in cases.splitlines() if line.startswith("| rig-")]
     reasons = [row.split(" | ")[-1].removesuffix(" |") for row in rows]
     assert reasons == ["a / b", "another effect named", "only some of them", "false alarm"]
     assert "4 of 10 rigs" in cases
+    assert "| the diagnosis failed | 1 |" in cases
+    assert "| false alarm | 1 |" in cases
 
 
 def test_nothing_failed(score, places, tmp_path: Path) -> None:
     page = write_scorecard(tmp_path / "proof.md", Results((score(), score("none"))), places, SETTINGS)
     text = page.read_text()
-    assert "None: every answer was right" in text
+    assert "Nothing: every answer was right" in text
     assert "Beside other methods" not in text
     assert "Missed" not in verdict(Results((score(), score("none"))))
 
@@ -132,6 +174,10 @@ def test_the_page_names_code_commit_and_seed(score, places, tmp_path: Path) -> N
     text = write_scorecard(tmp_path / "p.md", results, places, SETTINGS).read_text()
     for row in ("recorded by | another engine", "diagnosed by | irt, code 12", "commit | abc", "seed | 5"):
         assert f"| {row} |" in text
+    assert "scored by" not in text
+    results = Results((score(),), provenance={**provenance, "scorer": "irt, code 13"})
+    text = write_scorecard(tmp_path / "q.md", results, places, SETTINGS).read_text()
+    assert "| scored by | irt, code 13 |" in text
 
 
 def test_no_rig_at_all_is_drawn_all_the_same(places, score, tmp_path: Path) -> None:
