@@ -48,7 +48,7 @@ def test_it_opens_with_what_was_found_and_ends_by_naming_the_pages(demo, diagnos
 
 @pytest.mark.slow
 def test_the_next_step_it_names_can_be_taken(demo, diagnosis):
-    (named,) = re.findall("`irt suggest (.*)`", diagnosis["suggestion"])
+    (named,) = re.findall("`irt suggest (.*) --models DIR`", diagnosis["suggestion"])
     assert named == "irt-demo/demo-rig"
     assert load_rig(demo[0].parent / named).digest == load_rig(data("demo-rig")).digest
 

@@ -85,7 +85,7 @@ def summary(
 
 def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
     """Return what to record next, and why."""
-    command = f"`irt suggest {as_typed(rig)}`"
+    command = f"`irt suggest {as_typed(rig)} --models DIR` (DIR: the folder of these results)"
     tied = [one for one in effects if one.confusable_with]
     if any({one.name, *one.confusable_with} == {"delay", "latency"} for one in tied):
         return (

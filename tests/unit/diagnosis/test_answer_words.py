@@ -81,6 +81,6 @@ def test_what_to_record_next_depends_on_the_answer(tmp_path, effects, words):
 
 def test_a_rig_in_the_working_directory_is_named_from_there(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert "`irt suggest 'my rig'`" in suggestion([effect()], tmp_path / "my rig")
-    assert "`irt suggest ../rig`" in suggestion([effect()], Path("../rig"))
-    assert f"`irt suggest {tmp_path.parent}`" in suggestion([effect()], tmp_path.parent)
+    assert "`irt suggest 'my rig' --models DIR`" in suggestion([effect()], tmp_path / "my rig")
+    assert "`irt suggest ../rig --models DIR`" in suggestion([effect()], Path("../rig"))
+    assert f"`irt suggest {tmp_path.parent} --models DIR`" in suggestion([effect()], tmp_path.parent)
