@@ -45,7 +45,7 @@ SPREAD = 2.5
 MATTERS = 0.41
 #: Smallest probability of effects and sets that are mentioned, and most sets that are kept as plausible.
 MENTIONED, PLAUSIBLE = 0.01, 6
-#: Largest difference of log posteriors between sets that tie [nats]: odds of 20 to 1.
+#: Largest difference of log posteriors between sets that tie for any held-out errors [nats]: odds of 20 to 1.
 TIE = 3.0
 #: Smallest deviation of a law of impacts from neutral, as a share of its range, that is distinct from the
 #: contact solver of an engine: rapier's walls without restitution are fitted as 0.05 to 0.11.

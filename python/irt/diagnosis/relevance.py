@@ -96,7 +96,7 @@ class Relevance:
 
         A learned correction always is, because it competes as a set.
         """
-        instead = [one.instead for one in exchanged(self.posterior) if one.name == name]
+        instead = [one.instead for one in exchanged(self.posterior, self.validation) if one.name == name]
         alike = [*group_of(name), *instead]
         return name == UNLISTED or self.posterior.any_of(alike) > config.PROBABLE
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from irt.diagnosis import config
 from irt.diagnosis.hypotheses import ALIKE, JITTER
 from irt.diagnosis.score import Array, Scored, Scores
 from irt.diagnosis.selection import Posterior, renamed
+from irt.diagnosis.validation import Validation
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +31,9 @@ class Tie:
     scored: Scored
 
 
-def ties(posterior: Posterior, answer: Scored) -> list[Tie]:
+def ties(posterior: Posterior, answer: Scored, validation: Validation) -> list[Tie]:
     """Return the ties of each effect of an answer among all scored sets."""
-    found = [one for one in exchanged(posterior) if one.name in answer.effects]
+    found = [one for one in exchanged(posterior, validation) if one.name in answer.effects]
     for name in ALIKE.intersection(answer.effects):
         other = renamed(answer, name)
         instead = other.effects[answer.effects.index(name)]
@@ -41,13 +43,22 @@ def ties(posterior: Posterior, answer: Scored) -> list[Tie]:
     return found
 
 
-def exchanged(posterior: Posterior) -> list[Tie]:
-    """Return sets of similar probability as the best in which one effect is replaced."""
-    found = []
+def exchanged(posterior: Posterior, validation: Validation) -> list[Tie]:
+    """Return sets that are about as good as the best, and in which one effect is replaced.
+
+    Within `config.TIE` the recordings say nothing. Within `config.CLOSE`, by which engines with equal physics
+    differ, the held-out errors decide as in the search: a replacement that would itself be named is as good
+    unless the recordings agree that it predicts worse.
+    """
+    best, found = posterior.best, []
+    scores = {frozenset(one.effects): one.score for one in posterior.sets}
     for one in posterior.sets:
-        gone, instead = _difference(posterior.best, one)
-        close = one.score > posterior.best.score - config.TIE
-        if gone and JITTER not in {gone, instead} and close:
+        gone, instead = _difference(best, one)
+        less = best.score - one.score
+        if not gone or JITTER in {gone, instead} or less > config.CLOSE:
+            continue
+        gain = one.score - scores.get(frozenset(best.effects) - {gone}, -math.inf)
+        if less < config.TIE or (gain > config.SURE and not validation.is_better(best, one)):
             found.append(Tie(gone, instead, one))
     return found
 

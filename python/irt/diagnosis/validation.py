@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from irt.diagnosis import config
 from irt.diagnosis.dataset import Dataset
@@ -65,16 +67,26 @@ class HeldOut:
         """Whether anything was held out."""
         return len(self.values) > 0
 
+    @property
+    def errors(self) -> Array:
+        """Mean absolute errors of the recordings, (r,) [board edges]."""
+        return np.array([one.mae for one in self.runs])
+
+    @property
+    def windowed_errors(self) -> Array:
+        """The same in windows of `config.HORIZON_S`, (r,); NaN if a recording is too short."""
+        errors = [one.evaluation.windowed for one in self.runs]
+        return np.array([np.nan if one is None else one.mae for one in errors])
+
     @functools.cached_property
     def mae(self) -> float:
         """Mean over the recordings of their mean absolute errors [board edges]."""
-        return float(np.mean([one.mae for one in self.runs]))
+        return float(np.mean(self.errors))
 
     @functools.cached_property
     def windowed(self) -> float:
         """The same in windows of `config.HORIZON_S`; NaN if a recording is too short."""
-        errors = [one.evaluation.windowed for one in self.runs]
-        return float(np.mean([np.nan if one is None else one.mae for one in errors]))
+        return float(np.mean(self.windowed_errors))
 
 
 @dataclass(eq=False)
@@ -88,6 +100,24 @@ class Validation:
         if one not in self._known:
             self._known[one] = _held_out(one)
         return self._known[one]
+
+    def is_better(self, one: Scored, than: Scored) -> bool:
+        """Whether the held-out recordings agree that a set predicts better than another.
+
+        A paired t-test of the errors over the recordings, in complete runs or in windows of
+        `config.HORIZON_S`: a random push makes free runs differ by more than any two sets do.
+        """
+        here, other = self.of(one), self.of(than)
+        return here.is_proof and (
+            _agree(other.errors - here.errors) or _agree(other.windowed_errors - here.windowed_errors)
+        )
+
+
+def _agree(gains: Array) -> bool:
+    """Whether the mean of gains is above zero, at a level of 5 %."""
+    count = len(gains)
+    error = float(np.std(gains, ddof=1)) / math.sqrt(count)
+    return bool(np.mean(gains) > stdtrit(count - 1, 0.95) * error)
 
 
 def _held_out(one: Scored) -> HeldOut:

@@ -9,12 +9,13 @@ from irt.diagnosis.hypotheses import hypotheses
 from irt.diagnosis.score import Scores
 from irt.diagnosis.selection import Posterior, Selection
 from irt.diagnosis.ties import exchanged, reason, ties
+from irt.diagnosis.validation import Validation
 
 
 def tied(dataset, asked=None):
     """Return the answer and the ties of its effects; by default all effects are searched."""
     posterior = Selection(Scores(dataset), asked or hypotheses(), lambda _: None).run()
-    return posterior.best, ties(posterior, posterior.best)
+    return posterior.best, ties(posterior, posterior.best, Validation())
 
 
 @pytest.mark.slow
@@ -54,9 +55,41 @@ def test_of_sets_about_as_probable_one_name_stands_in_the_place_of_another(plant
         return replace(base, effects=effects, top=replace(base.top, log_evidence=-less))
 
     best = of(("lag", "bump"), 0.0)
-    near, far = of(("bump", "delay"), 0.5 * config.TIE), of(("lag", "point_field"), 2.0 * config.TIE)
-    (found,) = exchanged(Posterior(best, (best, near, of(("lag",), 0.1), far)))
+    near, far = of(("bump", "delay"), 0.5 * config.TIE), of(("lag", "point_field"), 2.0 * config.CLOSE)
+    (found,) = exchanged(Posterior(best, (best, near, of(("lag",), 0.1), far)), Validation())
     assert (found.name, found.instead, found.scored) == ("lag", "delay", near)
+
+
+class Judged(Validation):
+    """A validation whose answer is given by a test."""
+
+    def __init__(self, better):
+        super().__init__()
+        self.better = better
+
+    def is_better(self, one, than):
+        return self.better
+
+
+@pytest.mark.parametrize(
+    ("less", "better", "tie"),
+    [
+        (0.5 * config.TIE, True, True),
+        (0.5 * config.CLOSE, False, True),
+        (0.5 * config.CLOSE, True, False),
+        (2.0 * config.CLOSE, False, False),
+    ],
+)
+def test_within_what_engines_differ_by_held_out_recordings_decide(plant, less, better, tie):
+    base = Scores(plant([], stamped=True)).base()
+    best, other = (
+        replace(base, effects=(name,), top=replace(base.top, log_evidence=-worse))
+        for name, worse in (("stribeck", 0.0), ("static_friction", less))
+    )
+    assert bool(exchanged(Posterior(best, (best, other)), Judged(better))) is tie
+    # An effect that would not be named itself does not tie with one that is.
+    nothing = replace(base, top=replace(base.top, log_evidence=0.5 * config.SURE - less - base.price))
+    assert bool(exchanged(Posterior(best, (best, other, nothing)), Judged(better))) is (less < config.TIE)
 
 
 @pytest.mark.slow

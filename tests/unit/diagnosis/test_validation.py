@@ -69,3 +69,14 @@ def test_of_one_recording_nothing_is_held_out(plant):
 def test_a_set_is_fitted_once(plant):
     one, validation = fitted(plant([DRAG], runs=2, rows=40, stamped=True)), Validation()
     assert validation.of(one) is validation.of(one)
+
+
+def test_a_set_is_better_where_the_recordings_agree(plant):
+    one = fitted(plant([DRAG], runs=4, rows=60, stamped=True))
+    base = Scores(one.dataset).base()
+    validation = Validation()
+    assert validation.is_better(one, base)
+    assert not validation.is_better(base, one)
+    assert not validation.is_better(one, one)
+    alone = fitted(plant([DRAG], runs=1, rows=60, stamped=True))
+    assert not validation.is_better(alone, Scores(alone.dataset).base())
