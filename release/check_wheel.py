@@ -3,8 +3,8 @@
     make check-wheel
 
 ``CARGO_PROFILE_RELEASE_OPT_LEVEL=0 make check-wheel`` takes a quarter of the time, and checks all but the
-optimiser. The sources are those of the last commit. The second build has another time zone, and other permissions of
-new files.
+optimiser. The sources are those of the last commit. The second build has another time zone, and other
+permissions of new files.
 """
 
 from __future__ import annotations
