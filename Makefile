@@ -121,7 +121,7 @@ build: $(EXTENSION) $(PACKAGES) ## only the set-up: .venv, all pinned packages, 
 .PHONY: clean
 clean: ## remove all that was built, .venv included
 	rm -rf .venv .venv-docs target dist site .cache .pytest_cache .mypy_cache .ruff_cache .hypothesis python/irt/_labsim.*.so
-	find python tests benches docs examples -name __pycache__ -prune -exec rm -rf {} +
+	find $(PYTHON_SOURCES) -name __pycache__ -prune -exec rm -rf {} +
 
 .PHONY: tools
 tools:
