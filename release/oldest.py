@@ -31,6 +31,10 @@ TESTS = (
     ),
 )
 _TOOLS = ("hypothesis", "pytest", "pytest-xdist")
+_HOW = (
+    *("-q", "-n", "2", "-p", "no:cacheprovider", "-m", "not slow", "--hypothesis-profile", "ci"),
+    *("-W", "ignore::DeprecationWarning", "-W", "ignore::PendingDeprecationWarning"),
+)
 
 
 def oldest(requirements: list[str]) -> list[str]:
@@ -54,25 +58,9 @@ def main() -> int:
         subprocess.run(
             [python, "-m", "pip", "install", *words, *oldest(project["dependencies"]), *_TOOLS], check=True
         )
-        quiet = ("-W", "ignore::DeprecationWarning", "-W", "ignore::PendingDeprecationWarning")
+        environment = {**os.environ, "PYTHONPATH": str(ROOT / "python")}
         return subprocess.run(
-            [
-                python,
-                "-m",
-                "pytest",
-                "-q",
-                "-n",
-                "2",
-                "-p",
-                "no:cacheprovider",
-                "-m",
-                "not slow",
-                *quiet,
-                *TESTS,
-            ],
-            cwd=ROOT,
-            env={**os.environ, "PYTHONPATH": str(ROOT / "python")},
-            check=False,
+            [python, "-m", "pytest", *_HOW, *TESTS], cwd=ROOT, env=environment, check=False
         ).returncode
 
 

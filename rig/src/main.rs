@@ -153,7 +153,7 @@ enum Verb {
         #[arg(long, value_name = "MCAP")]
         out: Option<PathBuf>,
     },
-    /// Print the bill of materials of this program: the crates that are built in (CycloneDX)
+    /// Print the bill of materials of this program: the crates that are built in, as JSON
     Sbom,
 }
 
