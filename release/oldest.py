@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import tomllib
 import venv
+from importlib import metadata
 from pathlib import Path
 
 from sbom import ROOT
@@ -58,6 +61,11 @@ def main() -> int:
         subprocess.run(
             [python, "-m", "pip", "install", *words, *oldest(project["dependencies"]), *_TOOLS], check=True
         )
+        # The sources are tested as they are; their version is known from what `make build` has installed.
+        about = metadata.distribution("labsim-irt")
+        folder = f"labsim_irt-{about.version}.dist-info"
+        site = sysconfig.get_path("purelib", vars={"base": name})
+        shutil.copytree(str(about.locate_file(folder)), Path(site) / folder)
         environment = {**os.environ, "PYTHONPATH": str(ROOT / "python")}
         return subprocess.run(
             [python, "-m", "pytest", *_HOW, *TESTS], cwd=ROOT, env=environment, check=False
