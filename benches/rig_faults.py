@@ -24,9 +24,10 @@ from faults import FAULTS  # type: ignore[import-not-found]  # noqa: E402
 _INSIDE = 'ip link set lo up && ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo && exec "$@"'
 
 
-def observe(fault: str, folder: Path, rig: Path) -> dict[str, Any]:
+def observe(
+    fault: str, folder: Path, rig: Path, script: Path = ROOT / "tests" / "rig" / "faults.py"
+) -> dict[str, Any]:
     folder.mkdir()
-    script = ROOT / "tests" / "rig" / "faults.py"
     command = [
         "unshare",
         "-n",

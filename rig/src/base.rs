@@ -7,6 +7,7 @@ use crate::clock::{Clock, Ticker};
 use crate::config::{Network, Reliability, Safety};
 use crate::dds::{Inbox, Link, Trigger};
 use crate::error::Result;
+use crate::memory::resident_mb;
 use crate::messages::{Bool, Log, Time};
 use crate::recorder::{Attached, Channel, Recorder, fresh};
 use crate::safety::Reason;
@@ -37,6 +38,7 @@ pub struct Base {
     e_stop: (Inbox<Bool>, Channel),
     stop: (Trigger, String),
     signals: Signals,
+    memory_mb: f64,
     events: Channel,
 }
 
@@ -69,6 +71,7 @@ impl Base {
                 safety.stop_service.clone(),
             ),
             signals,
+            memory_mb: safety.memory_mb,
             events: recorder.channel::<Log>("/rig/events"),
             ticker: Ticker::new(clock),
             clock,
@@ -98,6 +101,8 @@ impl Base {
         reasons.extend(self.signals.caught().map(Reason::Signal));
         reasons.extend(self.ticker.stepped(now).map(Reason::ClockStepped));
         reasons.extend(self.recorder.failure().map(Reason::Recorder));
+        let memory = resident_mb().filter(|&held| held > self.memory_mb);
+        reasons.extend(memory.map(Reason::Memory));
         reasons
     }
 

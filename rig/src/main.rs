@@ -21,6 +21,7 @@ mod fuzz;
 mod labs;
 #[cfg(test)]
 mod long_play;
+mod memory;
 mod messages;
 mod model;
 mod motion;
@@ -152,6 +153,8 @@ enum Verb {
         #[arg(long, value_name = "MCAP")]
         out: Option<PathBuf>,
     },
+    /// Print the bill of materials of this program: the crates that are built in, as JSON
+    Sbom,
 }
 
 fn main() -> ExitCode {
@@ -203,6 +206,10 @@ fn run(verb: Verb) -> Result<()> {
             seed,
             seconds,
         } => run_twin(&configured.config, &model, lab, seed, seconds),
+        Verb::Sbom => {
+            say(include_str!("../rig.cdx.json").trim_end());
+            Ok(())
+        }
         Verb::Recover { bag, out } => {
             let found = recover::recover(&bag, out.as_deref())?;
             let was = if found.was_whole {
@@ -384,7 +391,9 @@ fn run_listen(config: &Config, text: &str, out: &Path, seconds: Option<f64>) -> 
         let (now, _) = station.base.ticker.wait();
         match station.hear(now, false) {
             Some(safety::Reason::Signal(_)) => break Ok(()),
-            Some(safety::Reason::Recorder(what)) => break Err(Error::refused(what)),
+            Some(reason) if reason.ends_recording() => {
+                break Err(Error::refused(reason.to_string()));
+            }
             // Reasons that would stop arms are only recorded.
             Some(reason) => station
                 .base

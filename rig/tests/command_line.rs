@@ -33,10 +33,22 @@ fn help_names_every_verb_and_shows_examples() {
     let out = rig(&folder("help"), &["--help"]);
     let text = String::from_utf8(out.stdout).expect("it is text");
     assert!(out.status.success());
-    for verb in ["check", "home", "play", "listen", "twin", "recover"] {
+    for verb in ["check", "home", "play", "listen", "twin", "recover", "sbom"] {
         assert!(text.contains(&format!("\n  {verb} ")), "{verb}: {text}");
     }
     assert!(text.contains("rig play suggest.csv --out bags --arm"));
+}
+
+#[test]
+fn the_binary_carries_its_bill_of_materials() {
+    let out = rig(&folder("sbom"), &["sbom"]);
+    assert!(out.status.success());
+    let bill: serde_json::Value = serde_json::from_slice(&out.stdout).expect("it is JSON");
+    let own = &bill["metadata"]["component"];
+    assert_eq!(own["name"], "rig");
+    assert_eq!(own["version"], env!("CARGO_PKG_VERSION"));
+    let crates = bill["components"].as_array().expect("it is a list");
+    assert!(crates.iter().any(|one| one["name"] == "rustdds"));
 }
 
 #[test]

@@ -12,13 +12,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from laboratory import HERE, Fault, Laboratory, run
-
-Inject = Callable[[Laboratory], None]
+from laboratory import HERE, Fault, Inject, Laboratory, run
 
 
 def playing(lab: Laboratory, **options: Any) -> None:

@@ -65,6 +65,7 @@ most_hz = 1000.0
 [safety]
 allow_arming = {allow_arming}
 hold_s = 0.5
+memory_mb = {memory_mb}
 """
 
 DEFAULTS = {
@@ -74,6 +75,7 @@ DEFAULTS = {
     "overrun_s": 0.5,
     "reliability": "best_effort",
     "allow_arming": "true",
+    "memory_mb": 400.0,
 }
 
 
@@ -86,6 +88,8 @@ class Laboratory:
         (folder / "rig.toml").write_text(CONFIG.format_map({**DEFAULTS, **config}))
         self.write_commands()
         self.environment: dict[str, str] = {}
+        #: What an injection has measured.
+        self.facts: dict[str, Any] = {}
         self.bags = folder / "bags"
 
     def write_commands(self, amplitude: float = 0.24, seconds: float = 12.0) -> None:
@@ -148,12 +152,15 @@ class Laboratory:
             process.communicate()
 
 
+Inject = Callable[[Laboratory], None]
+
+
 @dataclass(frozen=True)
 class Fault:
     """An injected fault, the stop or refusal that must follow, and changes of the configuration."""
 
     what: str
-    inject: Callable[[Laboratory], None]
+    inject: Inject
     stop: str = ""
     refusal: str = ""
     killed: bool = False
@@ -171,7 +178,7 @@ def run(fault: Fault, folder: Path, rig: Path) -> dict[str, Any]:
             _, err = laboratory.rig.communicate(timeout=40)
         except subprocess.TimeoutExpired:
             return {"error": "the rig goes on"}
-        found = {"status": laboratory.rig.returncode, "err": err.strip(), "injected": at}
+        found = {"status": laboratory.rig.returncode, "err": err.strip(), "injected": at, **laboratory.facts}
         return {**found, **read(laboratory.bags / "run.mcap", rig)}
     finally:
         laboratory.end()

@@ -131,6 +131,7 @@ impl Mistakes {
     /// Notes what is wrong in `[safety]`.
     pub fn safety(&mut self, safety: &Safety) {
         self.within("safety.hold_s", safety.hold_s, 0.1, 10.0);
+        self.within("safety.memory_mb", safety.memory_mb, 100.0, 1e5);
         self.topic("safety.e_stop", &safety.e_stop);
         self.topic("safety.stop_service", &safety.stop_service);
         for name in &safety.call_on_stop {

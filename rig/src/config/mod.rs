@@ -305,6 +305,9 @@ pub struct Safety {
     pub call_on_stop: Vec<String>,
     /// Duration for which the stop is repeated before the program ends (s).
     pub hold_s: f64,
+    /// Most memory that this program may hold (MB). Topics keep 1000 messages each, of 12 kB at most on known rigs
+    /// (pictures in the states of a `CyberRunner`), and the recorder 131,072 of 1 kB: about 200 MB, and as much again.
+    pub memory_mb: f64,
 }
 
 impl Safety {
@@ -330,6 +333,7 @@ impl Default for Safety {
             stop_service: "/rig/stop".to_owned(),
             call_on_stop: Vec::new(),
             hold_s: 1.0,
+            memory_mb: 400.0,
         }
     }
 }

@@ -267,7 +267,9 @@ impl Run {
             let (now, _) = self.base.ticker.wait();
             match self.hear(now, false) {
                 Some(Reason::Signal(_)) => return Ok(()),
-                Some(Reason::Recorder(what)) => return Err(Error::refused(what)),
+                Some(reason) if reason.ends_recording() => {
+                    return Err(Error::refused(reason.to_string()));
+                }
                 Some(reason) => {
                     self.base
                         .event(Level::Error, reason.code(), &reason.to_string());

@@ -42,11 +42,18 @@ pub enum Reason {
     ClockStepped(f64),
     /// The recorder's error.
     Recorder(String),
+    /// Memory that this program holds (MB).
+    Memory(f64),
     /// The error of sending commands.
     Unsendable(String),
 }
 
 impl Reason {
+    /// Whether nothing can be recorded after it.
+    pub fn ends_recording(&self) -> bool {
+        matches!(self, Self::Recorder(_) | Self::Memory(_))
+    }
+
     /// Its name in bags: a word to search for.
     pub fn code(&self) -> &'static str {
         match self {
@@ -66,6 +73,7 @@ impl Reason {
             Self::Signal(_) => "signal",
             Self::ClockStepped(_) => "clock_stepped",
             Self::Recorder(_) => "recorder",
+            Self::Memory(_) => "memory",
             Self::Unsendable(_) => "unsendable",
         }
     }
@@ -101,6 +109,10 @@ impl fmt::Display for Reason {
             Self::Signal(which) => write!(f, "{which}"),
             Self::ClockStepped(by) => write!(f, "this machine's clock was set by {by:+.3} s"),
             Self::Recorder(what) => write!(f, "the recording fails: {what}"),
+            Self::Memory(mb) => write!(
+                f,
+                "this program holds {mb:.0} MB, more than safety.memory_mb: somebody sends too much"
+            ),
             Self::Unsendable(what) => write!(f, "commands cannot be sent: {what}"),
         }
     }
