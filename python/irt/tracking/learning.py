@@ -32,10 +32,10 @@ from irt.tracking.separation import (
     Clue,
     NoMarbleError,
     beside,
+    chance_of_shadow,
     largest_group,
     marble_beside,
     middle_of,
-    seen_through,
     two_of,
     without_shadow,
 )
@@ -372,7 +372,11 @@ def _refined(
         without=_emptied(pictures, known.without, [*found, *discs]),
     )
     views = [_view(pictures[index], rim, Underlay(known.without), known.noise, scale) for index, rim in discs]
-    appearance = learn_appearance(views, radius, size, known.noise, foot)
+    taken = views
+    if plain.pictures is not pictures:
+        under = Underlay(plain.without)
+        taken = [_view(plain.pictures[index], rim, under, plain.noise, scale) for index, rim in discs]
+    appearance = learn_appearance(views, radius, size, known.noise, foot, plain=(taken, plain.noise))
     learned = Learned(replace(known, radius=appearance.radius), appearance)
     tracker = Tracker(learned, scale)
     matches = [(index, tracker.match(pictures[index], rim.x, rim.y)) for index, rim in discs]
@@ -393,11 +397,7 @@ def _refined(
             ),
         )
     seen = [(index, Rim(one.x, one.y, appearance.radius, 1.0, 1.0)) for index, one in clear]
-    shadow = (
-        seen_through(plain.pictures, seen, plain.known(known)).chance_of_shadow
-        if len(seen) >= FEWEST
-        else 0.5
-    )
+    shadow = chance_of_shadow(plain.pictures, seen, plain.known(known), foot) if len(seen) >= FEWEST else 0.5
     if shadow > plain.shadow:
         raise NoMarbleError(
             "what moves on the board is a shadow, and what throws it does not stand out: say where the "

@@ -13,9 +13,8 @@ from irt.tracking.background import ROUNDS, Underlay
 from irt.tracking.blob_detector import Box
 from irt.tracking.edge_fit import Rim
 from irt.tracking.finder import Finder
-from irt.tracking.rims import light_of
-from irt.tracking.shading import thrower
-from irt.tracking.shadow import ASIDE, CELLS, HALF, REACH, Neighbourhood, Transmission, transmission, usual
+from irt.tracking.shading import ELSEWHERE, Thrown, thrown
+from irt.tracking.shadow import ASIDE, CELLS, REACH, Neighbourhood, cut_out, transmission
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -92,7 +91,7 @@ def without_shadow(
     """Return candidates of one colour without a shadow that is among them; all of them where there is none.
 
     Two marbles do not keep step: what is at one offset from another thing in all pictures is a shadow of it,
-    or throws it. The one through which more of the board's texture is seen is the shadow.
+    or throws it.
     """
     pairs = []
     for index in {one.picture for one in marble}:
@@ -113,8 +112,8 @@ def without_shadow(
         [pair[0] if way > 0 else pair[1] for pair, way in zip(pairs, turned, strict=True)],
         [pair[1] if way > 0 else pair[0] for pair, way in zip(pairs, turned, strict=True)],
     ]
-    through = [seen_through(pictures, [(one.picture, one.rim) for one in end], known) for end in ends]
-    kept = min((0, 1), key=lambda end: (round(through[end].chance_of_shadow, 3), through[end].middle))
+    chances = [chance_of_shadow(pictures, [(one.picture, one.rim) for one in end], known) for end in ends]
+    kept = int(np.argmin(chances))
     own, other = (np.median([one.colour for one in ends[end]], axis=0) for end in (kept, 1 - kept))
     return [
         one
@@ -152,12 +151,11 @@ def marble_beside(
     through = transmission(around)
     if through.is_no_shadow or through.chance_of_shadow < UNSURE:
         return None
-    opaque = through.opaque() if through.middle > HALF else None
-    if opaque is None and through.chance_of_shadow < 1.0 - UNSURE:
-        # A board without texture does not say which of the two this is. The shape of the two does.
-        picture, board = usual(around)
-        return thrower(light_of(picture), light_of(board), CELLS, foot)
-    return opaque
+    if through.chance_of_shadow > 1.0 - UNSURE:
+        return through.opaque()
+    # The board's texture does not say which of the two this is. The shape of the two does.
+    ball = _laid(around, foot).ball
+    return ball if float(np.hypot(*ball)) > ELSEWHERE else None
 
 
 def beside(rim: Rim, aside: tuple[float, float], radius: float) -> Rim:
@@ -171,11 +169,29 @@ def middle_of(offsets: Sequence[tuple[float, float]]) -> tuple[float, float]:
     return float(x), float(y)
 
 
-def seen_through(
-    pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], known: Finder
-) -> Transmission:
-    """Return how much of the board's texture is seen through discs and what is beside them."""
-    return transmission(_around(pictures, discs, known))
+def chance_of_shadow(
+    pictures: Sequence[Picture],
+    discs: Sequence[tuple[int, Rim]],
+    known: Finder,
+    foot: tuple[float, float] = (0.0, 0.0),
+) -> float:
+    """Return the chance that discs are a shadow.
+
+    By how much of the board's texture is seen through them; where that leaves it open, by the shape of what
+    is there as well. `foot` is as in `marble_beside`.
+    """
+    around = _around(pictures, discs, known)
+    through = transmission(around)
+    chance = through.chance_of_shadow
+    if through.is_no_shadow or not UNSURE < chance < 1.0 - UNSURE:
+        return chance
+    shape = _laid(around, foot).shadow
+    return chance * shape / (chance * shape + (1.0 - chance) * (1.0 - shape))
+
+
+def _laid(around: Sequence[Neighbourhood], foot: tuple[float, float]) -> Thrown:
+    """Return the ball that is in the middle of neighbourhoods, or throws the shadow there."""
+    return thrown(*cut_out(around), CELLS, foot)
 
 
 def _around(
