@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +112,9 @@ def without_shadow(
         [pair[0] if way > 0 else pair[1] for pair, way in zip(pairs, turned, strict=True)],
         [pair[1] if way > 0 else pair[0] for pair, way in zip(pairs, turned, strict=True)],
     ]
-    chances = [chance_of_shadow(pictures, [(one.picture, one.rim) for one in end], known) for end in ends]
+    chances = [
+        ball_or_shadow(pictures, [(one.picture, one.rim) for one in end], known).shadow for end in ends
+    ]
     kept = int(np.argmin(chances))
     own, other = (np.median([one.colour for one in ends[end]], axis=0) for end in (kept, 1 - kept))
     return [
@@ -169,13 +171,13 @@ def middle_of(offsets: Sequence[tuple[float, float]]) -> tuple[float, float]:
     return float(x), float(y)
 
 
-def chance_of_shadow(
+def ball_or_shadow(
     pictures: Sequence[Picture],
     discs: Sequence[tuple[int, Rim]],
     known: Finder,
     foot: tuple[float, float] = (0.0, 0.0),
-) -> float:
-    """Return the chance that discs are a shadow.
+) -> Thrown:
+    """Return the chance that discs are a shadow, and where the ball is beside them.
 
     By how much of the board's texture is seen through them; where that leaves it open, by the shape of what
     is there as well. `foot` is as in `marble_beside`.
@@ -184,9 +186,11 @@ def chance_of_shadow(
     through = transmission(around)
     chance = through.chance_of_shadow
     if through.is_no_shadow or not UNSURE < chance < 1.0 - UNSURE:
-        return chance
-    shape = _laid(around, foot).shadow
-    return chance * shape / (chance * shape + (1.0 - chance) * (1.0 - shape))
+        return Thrown((0.0, 0.0), chance)
+    shape = _laid(around, foot)
+    return replace(
+        shape, shadow=chance * shape.shadow / (chance * shape.shadow + (1.0 - chance) * (1.0 - shape.shadow))
+    )
 
 
 def _laid(around: Sequence[Neighbourhood], foot: tuple[float, float]) -> Thrown:

@@ -164,9 +164,9 @@ def thrown(pictures: Values, boards: Values, radius: float, foot: tuple[float, f
     The ends of a board, lines and holes are elsewhere in each view, so that medians of pictures and of boards
     do not fit each other. What the views do to their own boards has a median.
     """
-    board = np.median(boards, axis=0)
+    board = np.asarray(np.median(boards, axis=0), dtype=np.float32)
     change = np.median((np.maximum(pictures, 0.0) + BLACK) / (np.maximum(boards, 0.0) + BLACK), axis=0)
-    usual = change * (np.maximum(board, 0.0) + BLACK) - BLACK
+    usual = np.asarray(change * (np.maximum(board, 0.0) + BLACK) - BLACK, dtype=np.float32)
     return ball_and_shadow(light_of(usual), light_of(board), radius, foot)
 
 
