@@ -96,9 +96,13 @@ def ours(run: Run, way: str, clue: Clue, *, corners: bool) -> str:
             track = follow(run.source, scene, Path(folder) / "partial", lambda *_: None)
     except IrtError as error:
         return f"{run.name} {run.kind:8} {way:7} refused: {error}"
-    apart = scene.corners - run.corners
+    # Given corners are those of the first picture, found ones those of the mean board.
+    flat = np.column_stack([run.size.corners, np.zeros(4)])
+    seen = run.poses[:1] if corners else run.poses
+    true_corners = np.mean([pose.project(flat) for pose in seen], axis=0)
+    apart = scene.corners - true_corners
     inside = float(np.linalg.norm(scene.corners - scene.corners.mean(axis=0), axis=1).mean())
-    true = float(np.linalg.norm(run.corners - run.corners.mean(axis=0), axis=1).mean())
+    true = float(np.linalg.norm(true_corners - true_corners.mean(axis=0), axis=1).mean())
     pose = Pose.of(run.lens, scene.corners, run.size.corners, run.size.radius)
     shift = pose.positions(run.pixels) - run.places
     line = score(run, way, track.pixels, track.marble)

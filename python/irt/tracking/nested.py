@@ -12,7 +12,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.tracking.corners import mean_side, meet
+from irt.errors import IrtError
+from irt.tracking.corners import like_a_rim, mean_side, meet, misshapen, widened
 from irt.tracking.geometry import Lens, Pose, Size
 from irt.tracking.opencv import opencv
 
@@ -29,6 +30,9 @@ BLURRED, FINE, DEEP = 3.0, 0.5, 0.1
 STEP, MOST = 6.0, 4
 #: A step is in this share of a side's stretches, within so many pixels of a line through them.
 ENOUGH, ALONG = 0.6, 1.5
+#: By what share of its sides a board's own outline misses its shape in pictures: two that both miss it by
+#: less may both be the board's.
+ALIKE = 0.0009
 #: A rim seen aslant is narrower on one side by at most so much: one as high as wide, under 30 degrees.
 UNEVEN = 4.0
 
@@ -41,12 +45,12 @@ class Nested:
     ----------
     corners : (4, 2) array
         In the order of the outer ones [pixels].
-    size : Size
-        Of the outer outline, if this one is the board's.
+    width : float
+        Of the rim between the two, if this one is the board's [board edges].
     """
 
     corners: Array
-    size: Size
+    width: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +59,48 @@ class _Step:
 
     line: tuple[Array, Array]
     inset: float
+
+
+def require_board(picture: Picture, outline: Array, lens: Lens | None, size: Size) -> None:
+    """Refuse an outline that may as well be that of a rim about the board.
+
+    Parameters
+    ----------
+    picture : (h, w, 3) uint8 array
+        Without noise to speak of, such as the median of a sample.
+    outline : (4, 2) array
+        Corners, as `Size.corners` are ordered, to less than `MISSHAPEN` [pixels].
+    lens : Lens or None
+        Of the camera; without one nothing is known of a shape.
+    size : Size
+        Of the board.
+
+    Raises
+    ------
+    IrtError
+        If its shape is a rim's, or if another outline lies within it and its shape may be either's.
+    """
+    if lens is None:
+        return
+    if like_a_rim(outline, lens, size):
+        raise IrtError(
+            "what was found in the picture is not of the board's shape; it may be its rim, or its edge: "
+            "--corners X,Y X,Y X,Y X,Y says where the board is. If it is the board, its lengths in rig.toml "
+            "or the calibration of the lens are wrong"
+        )
+    within = nested(picture, outline, lens, size)
+    if within is None:
+        return
+    as_a_rim = misshapen(outline, lens, widened(size, within.width))
+    if as_a_rim <= max(misshapen(outline, lens, size), ALIKE):
+        outer, inner = (
+            " ".join(f"{round(x)},{round(y)}" for x, y in corners) for corners in (outline, within.corners)
+        )
+        raise IrtError(
+            "two outlines lie within each other, and their shape does not say which is the board's and which "
+            "that of a rim or of a printed border: "
+            f"--corners {outer} is the outer one, {inner} about the inner one"
+        )
 
 
 def nested(picture: Picture, outline: Array, lens: Lens, size: Size) -> Nested | None:
@@ -85,11 +131,7 @@ def nested(picture: Picture, outline: Array, lens: Lens, size: Size) -> Nested |
         return None
     flat = np.array([meet(best[side - 1].line, best[side].line) for side in range(4)])
     inset = float(np.mean([one.inset for one in best]))
-    rim = inset / (1.0 - 2.0 * inset)
-    return Nested(
-        plane.project(np.column_stack([flat, np.zeros(4)])),
-        Size(size.along_x + 2.0 * rim, size.along_y + 2.0 * rim, size.radius),
-    )
+    return Nested(plane.project(np.column_stack([flat, np.zeros(4)])), inset / (1.0 - 2.0 * inset))
 
 
 def _steps(picture: Picture, plane: Pose, size: Size, side: int, pixel: float) -> list[_Step]:
