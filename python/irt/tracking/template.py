@@ -18,7 +18,7 @@ from irt.tracking.appearance import FINE, REACH, Appearance, Values
 from irt.tracking.coverage import Coverage, Laid
 from irt.tracking.opencv import opencv
 from irt.tracking.rims import disc_by_rims, light_of
-from irt.tracking.shading import COVERS, ball_by_shading, thrown
+from irt.tracking.shading import BY_SHAPE, COVERS, ball_by_shading, thrown
 
 Array = NDArray[np.float64]
 
@@ -108,33 +108,43 @@ def learn_appearance(
     taken, level = plain or (views, noise)
     stack = _Stack.of(taken, centres, radius)
     covers = stack.coverage(trust, level).sized(radius, expected)
-    dx, dy, found, apart = _disc(stack, trust, covers, level, foot)
+    disc = _disc(stack, trust, covers, level, foot)
+    dx, dy, found = disc.x, disc.y, disc.radius
     scales = np.array([view.scale for view in views])
     centres = centres + np.outer(scales, [dx, dy])
     appearance = _Stack.of(views, centres, found).appearance(trust, found, noise)
-    return replace(appearance, apart=apart)
+    return replace(appearance, apart=disc.apart, error=disc.error)
 
 
-def _disc(
-    stack: _Stack, trust: Array, covers: Laid, noise: float, foot: tuple[float, float]
-) -> tuple[float, float, float, float]:
-    """Return the marble's disc from the middle of the views, and how far two estimates are apart.
+@dataclass(frozen=True)
+class _Disc:
+    """The marble's disc from the middle of the views [pixels].
 
-    That is its middle, its radius, and the distance of two estimates of its middle [pixels].
+    `apart` is how far two estimates of its middle are apart, `error` that of one that only shape shows.
     """
+
+    x: float
+    y: float
+    radius: float
+    apart: float
+    error: float = 0.0
+
+
+def _disc(stack: _Stack, trust: Array, covers: Laid, noise: float, foot: tuple[float, float]) -> _Disc:
+    """Return the marble's disc."""
     usual, board = stack.mean(trust), stack.mean_board(trust)
-    disc = disc_by_rims(usual, board, covers, noise)
-    apart = float(np.hypot(disc.x - covers.x, disc.y - covers.y))
-    if disc.hue < ALIKE_HUE:
+    rims = disc_by_rims(usual, board, covers, noise)
+    if rims.hue < ALIKE_HUE:
         ball = ball_by_shading(light_of(usual), light_of(board), covers, foot)
         if ball.matt:
             apart = float(np.hypot(ball.x - covers.x, ball.y - covers.y))
-            if apart > COVERS * covers.radius:
-                # On a board without grain the shadow covers as much as the ball.
-                x, y = thrown(*stack.trusted(trust), FINE * covers.radius, foot).ball
-                apart = min(apart, float(np.hypot(ball.x - x * covers.radius, ball.y - y * covers.radius)))
-            return ball.x, ball.y, covers.radius, apart
-    return disc.x, disc.y, disc.radius, apart
+            if apart < COVERS * covers.radius:
+                return _Disc(ball.x, ball.y, covers.radius, apart)
+            # On a board without grain the shadow covers as much as the ball.
+            x, y = thrown(*stack.trusted(trust), FINE * covers.radius, foot).ball
+            again = float(np.hypot(ball.x - x * covers.radius, ball.y - y * covers.radius))
+            return _Disc(ball.x, ball.y, covers.radius, min(apart, again), BY_SHAPE * covers.radius)
+    return _Disc(rims.x, rims.y, rims.radius, float(np.hypot(rims.x - covers.x, rims.y - covers.y)))
 
 
 @dataclass(frozen=True, eq=False)
