@@ -54,9 +54,12 @@ def test_a_matt_ball_is_found_where_it_is(covered: tuple[float, float]) -> None:
     assert found.matt
 
 
-def test_what_mirrors_is_not_matt() -> None:
-    light, board = rendered("mirror")
-    assert not ball_by_shading(light, board, Laid(*MIDDLE, RADIUS, 0.0), FOOT).matt
+@pytest.mark.parametrize("exposure", [1.0, 0.4])
+@pytest.mark.parametrize("surface", ["matt", "mirror"])
+def test_what_mirrors_is_not_matt_in_less_light_either(surface: str, exposure: float) -> None:
+    light, board = (exposure * one for one in rendered(surface))
+    ball = ball_by_shading(light, board, Laid(*MIDDLE, RADIUS, 0.0), FOOT)
+    assert ball.matt == (surface == "matt")
 
 
 LOW = np.array([0.6, -0.5, 0.62]) / np.linalg.norm([0.6, -0.5, 0.62])
