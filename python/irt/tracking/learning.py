@@ -32,6 +32,7 @@ from irt.tracking.separation import (
     NoMarbleError,
     ball_or_shadow,
     beside,
+    is_bare,
     largest_group,
     marble_beside,
     middle_of,
@@ -289,7 +290,10 @@ def _refined(
         raise NoMarbleError("nothing has the marble's colours and its size: is --marble or --colour right?")
     feet = geometry.feet(np.array([[rim.x, rim.y] for _, rim in found])).mean(axis=0)
     foot = float(feet[0]), float(feet[1])
-    aside = marble_beside(plain.pictures, found, plain.known(known), clue, foot)
+    # What was found may be the marble and a part of its shadow: it is looked at in the marble's own size.
+    scale, size = scale_of(geometry, known.middle), geometry.radius_at(known.middle)
+    sized = [(index, replace(rim, radius=size * scale(rim.x, rim.y))) for index, rim in found]
+    aside = marble_beside(plain.pictures, sized, plain.known(known), clue, foot)
     learned, ball = _looked(pictures, known, geometry, (found, aside, foot), plain)
     alone = not clue.places and clue.colour is None
     if alone and learned.shadow > SHADOW and np.hypot(*ball) > ELSEWHERE:
@@ -337,7 +341,10 @@ def _looked(
     if plain.pictures is not pictures:
         under = Underlay(plain.without)
         taken = [_view(plain.pictures[index], rim, under, plain.noise, scale) for index, rim in discs]
-    appearance = learn_appearance(views, radius, size, known.noise, foot, plain=(taken, plain.noise))
+    bare = is_bare(plain.pictures, discs, plain.known(known))
+    appearance = learn_appearance(
+        views, radius, size, known.noise, foot, plain=(taken, plain.noise), bare=bare
+    )
     learned = Learned(replace(known, radius=appearance.radius), appearance)
     tracker = Tracker(learned, scale)
     matches = [(index, tracker.match(pictures[index], rim.x, rim.y)) for index, rim in discs]

@@ -28,6 +28,8 @@ FEWEST = 3
 STEP = 0.25
 #: Chances of a shadow between this and one less this leave it open which of the two was found.
 UNSURE = 0.01
+#: A ball that is farther beside what was found is looked at once more [radii].
+FAR = 1.0
 #: A user points at a marble to within its radius, less what an unsteady hand misses [radii].
 POINTED = 0.75
 
@@ -134,12 +136,13 @@ def marble_beside(
 ) -> tuple[float, float] | None:
     """Return where the marble is beside what was found (dx, dy) [radii], None where that is the marble.
 
-    `foot` is where a marble touches the board, beside its middle in a picture [radii].
+    `found` has the marble's own radius; `foot` is where a marble touches the board, beside its middle in a
+    picture [radii].
     """
     if clue.places:
         index, rim = found[0]
         x, y = min(clue.places, key=lambda place: np.hypot(place[0] - rim.x, place[1] - rim.y))
-        dx, dy = (x - rim.x) / known.radius, (y - rim.y) / known.radius
+        dx, dy = (x - rim.x) / rim.radius, (y - rim.y) / rim.radius
         away = float(np.hypot(dx, dy)) if index == 0 else 0.0
         if away > ASIDE:
             raise NoMarbleError(
@@ -156,8 +159,13 @@ def marble_beside(
     if through.chance_of_shadow > 1.0 - UNSURE:
         return through.opaque()
     # The board's texture does not say which of the two this is. The shape of the two does.
-    ball = _laid(around, foot).ball
-    return ball if float(np.hypot(*ball)) > ELSEWHERE else None
+    x, y = _laid(around, foot).ball
+    if np.hypot(x, y) > FAR:
+        # What is in the middle of what is seen is laid best.
+        moved = [(index, beside(rim, (x, y), rim.radius)) for index, rim in found]
+        dx, dy = _laid(_around(pictures, moved, known), foot).ball
+        x, y = x + dx, y + dy
+    return (x, y) if float(np.hypot(x, y)) > ELSEWHERE else None
 
 
 def beside(rim: Rim, aside: tuple[float, float], radius: float) -> Rim:
@@ -191,6 +199,11 @@ def ball_or_shadow(
     return replace(
         shape, shadow=chance * shape.shadow / (chance * shape.shadow + (1.0 - chance) * (1.0 - shape.shadow))
     )
+
+
+def is_bare(pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], known: Finder) -> bool:
+    """Return whether the board about discs shows no texture."""
+    return not bool(np.isfinite(transmission(_around(pictures, discs, known)).error).all())
 
 
 def _laid(around: Sequence[Neighbourhood], foot: tuple[float, float]) -> Thrown:

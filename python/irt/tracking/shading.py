@@ -28,8 +28,9 @@ Array = NDArray[np.float64]
 
 #: What lens and pixels blur (standard deviation) [pixels].
 BLUR = 0.75
-#: Directions of the shadow that are tried, and how far aside it lies, in radii.
-TURNS, ASIDE = 12, (0.5, 1.0, 1.7)
+#: Directions of the shadow that are tried, and how far aside it lies, in radii: the last is that of a lamp 20
+#: degrees above the board.
+TURNS, ASIDE = 12, (0.5, 1.0, 1.7, 2.7)
 #: Softness of a shadow's edge over the length of the ray that grazes the ball: the tangent of a lamp's half
 #: width, its mean and standard deviation. A lamp of 10 cm at 0.7 m has 0.07.
 SOFT, SOFT_ERROR = 0.08, 0.06

@@ -72,6 +72,7 @@ def learn_appearance(
     foot: tuple[float, float] = (0.0, 0.0),
     *,
     plain: tuple[Sequence[View], float] | None = None,
+    bare: bool = False,
 ) -> Appearance:
     """Return what a marble looks like.
 
@@ -88,6 +89,8 @@ def learn_appearance(
     plain : (sequence of View, float), optional
         The same views as the camera took them, and their noise, where the contrast of `views` was changed:
         light and its shadows are found in these.
+    bare : bool
+        Whether the board has no grain: then a shadow covers it as a marble does.
     """
     centres = np.array([[view.x, view.y] for view in views])
     trust = np.ones(len(views))
@@ -108,7 +111,7 @@ def learn_appearance(
     taken, level = plain or (views, noise)
     stack = _Stack.of(taken, centres, radius)
     covers = stack.coverage(trust, level).sized(radius, expected)
-    disc = _disc(stack, trust, covers, level, foot)
+    disc = _disc(stack, trust, covers, level, foot, bare=bare)
     dx, dy, found = disc.x, disc.y, disc.radius
     scales = np.array([view.scale for view in views])
     centres = centres + np.outer(scales, [dx, dy])
@@ -130,21 +133,39 @@ class _Disc:
     error: float = 0.0
 
 
-def _disc(stack: _Stack, trust: Array, covers: Laid, noise: float, foot: tuple[float, float]) -> _Disc:
+def _disc(
+    stack: _Stack, trust: Array, covers: Laid, noise: float, foot: tuple[float, float], *, bare: bool
+) -> _Disc:
     """Return the marble's disc."""
     usual, board = stack.mean(trust), stack.mean_board(trust)
     rims = disc_by_rims(usual, board, covers, noise)
-    if rims.hue < ALIKE_HUE:
-        ball = ball_by_shading(light_of(usual), light_of(board), covers, foot)
-        if ball.matt:
-            apart = float(np.hypot(ball.x - covers.x, ball.y - covers.y))
-            if apart < COVERS * covers.radius:
-                return _Disc(ball.x, ball.y, covers.radius, apart)
-            # On a board without grain the shadow covers as much as the ball.
-            x, y = thrown(*stack.trusted(trust), FINE * covers.radius, foot).ball
-            again = float(np.hypot(ball.x - x * covers.radius, ball.y - y * covers.radius))
-            return _Disc(ball.x, ball.y, covers.radius, min(apart, again), BY_SHAPE * covers.radius)
-    return _Disc(rims.x, rims.y, rims.radius, float(np.hypot(rims.x - covers.x, rims.y - covers.y)))
+    if rims.hue >= ALIKE_HUE:
+        return _Disc(rims.x, rims.y, rims.radius, float(np.hypot(rims.x - covers.x, rims.y - covers.y)))
+    near = COVERS * covers.radius
+    error = 0.0
+    if bare:
+        # The shadow covers as much as the ball: the shape of the two says more.
+        covers = _by_shape(stack, trust, covers.radius, foot)
+        rims = disc_by_rims(usual, board, covers, noise)
+        error = BY_SHAPE * covers.radius
+    ball = ball_by_shading(light_of(usual), light_of(board), covers, foot)
+    apart = float(np.hypot(ball.x - covers.x, ball.y - covers.y))
+    if not ball.matt and not (bare and apart < near):
+        apart = float(np.hypot(rims.x - covers.x, rims.y - covers.y))
+        return _Disc(rims.x, rims.y, rims.radius, apart, error)
+    if apart > near and not bare:
+        shape = _by_shape(stack, trust, covers.radius, foot)
+        apart, error = (
+            min(apart, float(np.hypot(ball.x - shape.x, ball.y - shape.y))),
+            BY_SHAPE * covers.radius,
+        )
+    return _Disc(ball.x, ball.y, covers.radius, apart, error)
+
+
+def _by_shape(stack: _Stack, trust: Array, radius: float, foot: tuple[float, float]) -> Laid:
+    """Return the disc that ball and shadow show together."""
+    x, y = thrown(*stack.trusted(trust), FINE * radius, foot).ball
+    return Laid(x * radius, y * radius, radius, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
