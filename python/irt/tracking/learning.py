@@ -294,8 +294,15 @@ def _refined(
     scale, size = scale_of(geometry, known.middle), geometry.radius_at(known.middle)
     sized = [(index, replace(rim, radius=size * scale(rim.x, rim.y))) for index, rim in found]
     aside = marble_beside(plain.pictures, sized, plain.known(known), clue, foot)
-    learned, ball = _looked(pictures, known, geometry, (found, aside, foot), plain)
     alone = not clue.places and clue.colour is None
+    try:
+        learned, ball = _looked(pictures, known, geometry, (found, aside, foot), plain)
+    except NoMarbleError:
+        if aside is None or not alone:
+            raise
+        # Glass, which gathers the light that it takes, has not the shape of a ball and its shadow.
+        aside = None
+        learned, ball = _looked(pictures, known, geometry, (found, aside, foot), plain)
     if alone and learned.shadow > SHADOW and np.hypot(*ball) > ELSEWHERE:
         # Now that all views lie over each other, a ball beside them is the better explanation.
         x, y = aside or (0.0, 0.0)
@@ -341,15 +348,18 @@ def _looked(
     if plain.pictures is not pictures:
         under = Underlay(plain.without)
         taken = [_view(plain.pictures[index], rim, under, plain.noise, scale) for index, rim in discs]
-    bare = is_bare(plain.pictures, discs, plain.known(known))
-    appearance = learn_appearance(
-        views, radius, size, known.noise, foot, plain=(taken, plain.noise), bare=bare
-    )
-    learned = Learned(replace(known, radius=appearance.radius), appearance)
-    tracker = Tracker(learned, scale)
-    matches = [(index, tracker.match(pictures[index], rim.x, rim.y)) for index, rim in discs]
+    # A shape that the views do not confirm is not that of a ball and its shadow.
+    for bare in (True, False) if is_bare(plain.pictures, discs, plain.known(known)) else (False,):
+        appearance = learn_appearance(
+            views, radius, size, known.noise, foot, plain=(taken, plain.noise), bare=bare
+        )
+        learned = Learned(replace(known, radius=appearance.radius), appearance)
+        tracker = Tracker(learned, scale)
+        matches = [(index, tracker.match(pictures[index], rim.x, rim.y)) for index, rim in discs]
+        usual = float(np.median([one.confidence for _, one in matches]))
+        if usual >= NEAR:
+            break
     clear = [(index, one) for index, one in matches if one.confidence > VIEW]
-    usual = float(np.median([one.confidence for _, one in matches]))
     if len(clear) < plain.least * len(pictures) or usual < NEAR:
         raise NoMarbleError(
             "what moves on the board looks the same in too few pictures: say where the marble is in the "
