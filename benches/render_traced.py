@@ -3,8 +3,8 @@
     python benches/render_traced.py --out DIR 0 1 2
 
 Wants the PyPI package mitsuba, in an environment of its own, an LLVM that it can load (19 or later;
-``DRJIT_LIBLLVM_PATH`` says where), and imageio-ffmpeg for runs in H.264. A run of 100
-pictures takes about two minutes on one core.
+``DRJIT_LIBLLVM_PATH`` says where) or ``--variant scalar_rgb``, and imageio-ffmpeg for runs in H.264. A run of
+100 pictures takes about two minutes on one core.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tracking.cases import KINDS, PICTURES, Case, case
-from tracking.traced import Traced
+from tracking.cases import KINDS, LOOKS, LOOKS_FROM, PICTURES, Case, case
+from tracking.traced import VARIANT, Traced
 
 RATE = 30.0
 #: From one picture of H.264 that stands alone to the next.
@@ -76,11 +76,11 @@ def _break(path: Path, count: int) -> None:
     path.write_bytes(content)
 
 
-def write(number: int, pictures: int, folder: Path) -> None:
+def write(number: int, pictures: int, folder: Path, variant: str) -> None:
     """Render a run, and write what was shown beside what is true."""
     start = time.monotonic()
     run = case(number, pictures)
-    traced = Traced(run)
+    traced = Traced(run, variant=variant)
     folder.mkdir(parents=True, exist_ok=True)
     size = run.view.width, run.view.height
     video = None
@@ -103,6 +103,7 @@ def write(number: int, pictures: int, folder: Path) -> None:
         "kind": run.kind,
         "rim": run.rim,
         "radius_m": run.radius_m,
+        "edges_m": run.edges_m,
         "matrix": run.view.matrix.tolist(),
         "size": size,
         "radius_px": run.view.focal * run.radius_m / float((run.view.eye**2).sum() ** 0.5),
@@ -118,13 +119,19 @@ def write(number: int, pictures: int, folder: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description="Render path-traced runs.")
     parser.add_argument(
-        "numbers", type=int, nargs="+", help=f"runs; their kinds go around {', '.join(KINDS)}"
+        "numbers",
+        type=int,
+        nargs="+",
+        help=f"runs; their kinds go around {', '.join(KINDS)}, from {LOOKS_FROM} on {', '.join(LOOKS)}",
     )
     parser.add_argument("--pictures", type=int, default=PICTURES, help=f"of each run (default: {PICTURES})")
     parser.add_argument("--out", type=Path, required=True, help="folder to write into")
+    parser.add_argument(
+        "--variant", default=VARIANT, help=f"of Mitsuba; scalar_rgb needs no LLVM (default: {VARIANT})"
+    )
     options = parser.parse_args()
     for number in options.numbers:
-        write(number, options.pictures, options.out / f"{number:03d}")
+        write(number, options.pictures, options.out / f"{number:03d}", options.variant)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,10 @@
 
     python benches/render_traced.py --out DIR 0 1 2 3 4 5 6 7 && python benches/track_traced.py DIR
 
-Prints one line for each run and method. Corners are detected, except on boards with a rim: there those of the
-first picture are given to the pixel, because a picture does not show which outline is the board's. The peers
-(`tracking.rivals`) are given the marble's colour, its size and the true corners.
+Prints one line for each run and method. Corners are detected; on boards with a rim, which may hide which
+outline is the board's, those of the first picture are given to the pixel, and one more line ("corners") is
+with those that are detected. The peers (`tracking.rivals`) are given the marble's colour, its size and the
+true corners.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.errors import IrtError
+from irt.fitting.problem import noise_in
 from irt.tracking.blob_detector import Box
 from irt.tracking.geometry import Lens, Pose, Size
+from irt.tracking.recorded import summarise
 from irt.tracking.run import Question, follow, prepare
 from irt.tracking.separation import Clue
 from irt.tracking.source import open_source
@@ -34,6 +37,8 @@ Array = NDArray[np.float64]
 MM = 1000.0 * EDGES_M[0]
 #: Distance above which a position is of another object [radii].
 WRONG_RADII = 1.0
+#: Two standard errors of a place in two dimensions, over the total of its budget.
+WITHIN = 1.73
 #: Number of pictures for which the peers get the marble's position.
 GIVEN = 10
 
@@ -50,7 +55,8 @@ class Run:
             np.array(truth[name]) for name in ("corners", "pixels", "places")
         )
         tilts = np.array(truth["tilts"])
-        self.size = Size(1.0, EDGES_M[1] / EDGES_M[0], truth["radius_m"] / EDGES_M[0])
+        along_x, along_y = truth.get("edges_m", EDGES_M)
+        self.size = Size(1.0, along_y / along_x, truth["radius_m"] / along_x)
         self.lens = Lens(np.array(truth["matrix"]), np.zeros(5), tuple(truth["size"]), 0.1)
         level = Pose.of(self.lens, self.corners, self.size.corners, self.size.radius)
         self.poses = [
@@ -58,10 +64,10 @@ class Run:
         ]
         self.source = open_source(str(next(folder.glob("run*"))), 30.0)
 
-    def question(self, clue: Clue) -> Question:
-        """Return the command-line arguments."""
+    def question(self, clue: Clue, *, corners: bool) -> Question:
+        """Return the command-line arguments, with corners or without."""
         first = self.poses[0].project(np.column_stack([self.size.corners, np.zeros(4)]))
-        given = tuple((round(x), round(y)) for x, y in first) if self.rim else None
+        given = tuple((round(x), round(y)) for x, y in first) if corners else None
         return Question(self.size, self.lens, given, clue)
 
 
@@ -82,24 +88,31 @@ def _rms(values: Array) -> float:
     return float(np.sqrt((values**2).mean())) if len(values) else float("nan")
 
 
-def ours(run: Run, way: str, clue: Clue) -> str:
-    """Return the result of `irt track` on a run."""
+def ours(run: Run, way: str, clue: Clue, *, corners: bool) -> str:
+    """Return the result of `irt track` on a run, with corners given or not."""
     try:
-        scene = prepare(run.source, run.question(clue), lambda *_: None)
+        scene = prepare(run.source, run.question(clue, corners=corners), lambda *_: None)
         with tempfile.TemporaryDirectory() as folder:
             track = follow(run.source, scene, Path(folder) / "partial", lambda *_: None)
     except IrtError as error:
         return f"{run.name} {run.kind:8} {way:7} refused: {error}"
-    apart = scene.corners - run.corners
+    # Given corners are those of the first picture, found ones those of the mean board.
+    flat = np.column_stack([run.size.corners, np.zeros(4)])
+    seen = run.poses[:1] if corners else run.poses
+    true_corners = np.mean([pose.project(flat) for pose in seen], axis=0)
+    apart = scene.corners - true_corners
     inside = float(np.linalg.norm(scene.corners - scene.corners.mean(axis=0), axis=1).mean())
-    true = float(np.linalg.norm(run.corners - run.corners.mean(axis=0), axis=1).mean())
+    true = float(np.linalg.norm(true_corners - true_corners.mean(axis=0), axis=1).mean())
     pose = Pose.of(run.lens, scene.corners, run.size.corners, run.size.radius)
     shift = pose.positions(run.pixels) - run.places
     line = score(run, way, track.pixels, track.marble)
+    said = summarise(track, noise_in([track.marble]), MM, "")
+    missed = np.linalg.norm(track.marble - run.places, axis=1)[track.seen] * MM
     return (
         f"{line}; corners {_rms(np.linalg.norm(apart, axis=1)):.2f} px, scale {true / inside:.4f}, "
         f"stated {scene.corners_px:.2f} px, aside {np.linalg.norm(shift.mean(axis=0)) * MM:.2f} mm; "
-        f"confidence {np.median(track.confidence):.2f}"
+        f"confidence {said.confidence:.2f}, shadow {said.shadow:.2f}, stated {said.budget.total:.2f} mm, "
+        f"which holds {(missed < WITHIN * said.budget.total).mean():.0%}"
     )
 
 
@@ -126,8 +139,10 @@ def main() -> None:
             continue
         run = Run(folder)
         given = Clue(places=((float(run.pixels[0, 0]), float(run.pixels[0, 1])),))
-        print(ours(run, "alone", Clue()), flush=True)
-        print(ours(run, "given", given), flush=True)
+        print(ours(run, "alone", Clue(), corners=run.rim), flush=True)
+        print(ours(run, "given", given, corners=run.rim), flush=True)
+        if run.rim:
+            print(ours(run, "corners", Clue(), corners=False), flush=True)
         for line in peers(run):
             print(line, flush=True)
 

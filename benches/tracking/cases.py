@@ -25,6 +25,10 @@ PICTURES = 100
 CAMERAS_FROM = 400
 CAMERAS = ("arm", "h264", "rolling", "webcam", "broken")
 KINDS = ("steel", "beige", "glass", "bands", "glare", "printed", "large", "small")
+#: From this number on runs are of these kinds, and have by turns one of these cameras.
+LOOKS_FROM = 600
+LOOKS = ("faint", "square", "thick", "1080p", "grey", "rimmed", "white", "dark")
+LOOKS_CAMERAS = ("plain", "webcam", "arm", "rolling", "mpeg4")
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,10 @@ class Case:
     ----------
     places, tilts : (n, 2) arrays
         Of the marble [board edges], and of the board [rad].
+    edges_m : tuple
+        Of the board [m].
+    slab_m, slab_colour : float, tuple
+        Thickness of the board [m], and the linear colour of its edges, by default that of the rim.
     wood : tuple
         Linear colour of the board, or nothing for one that is printed white.
     varnish, grain : float
@@ -101,6 +109,9 @@ class Case:
     shine: Shine
     lamps: tuple[Lamp, ...]
     radius_m: float = RADIUS_M
+    edges_m: tuple[float, float] = EDGES_M
+    slab_m: float = 0.006
+    slab_colour: tuple[float, float, float] | None = None
     wood: tuple[float, float, float] | None = (0.55, 0.36, 0.20)
     varnish: float = 0.0
     grain: float = 0.25
@@ -191,7 +202,7 @@ class Case:
     def texture(self) -> Texture:
         """Return the board's linear colour (h, w, 3), its first row along the edge of least y."""
         random = np.random.default_rng([self.seed, 4])
-        width, height = (round(FINE * edge) for edge in EDGES_M)
+        width, height = (round(FINE * edge) for edge in self.edges_m)
         across = np.arange(height, dtype=np.float32)[:, None] / FINE
         along = np.arange(width, dtype=np.float32)[None, :] / FINE
         bend = cv2.GaussianBlur(random.standard_normal((height, width)).astype(np.float32), (0, 0), 120)
@@ -245,7 +256,7 @@ class Case:
 def case(number: int, pictures: int = PICTURES) -> Case:
     """Return a run by its number: its kind is that modulo the number of kinds."""
     random = np.random.default_rng([number, 77])
-    kind = KINDS[number % len(KINDS)]
+    kind = KINDS[number % len(KINDS)] if number < LOOKS_FROM else LOOKS[number % len(LOOKS)]
     # Thirty pictures a second of a run with sixty rows, without its slow beginning.
     _, tilts, places = (rows[20::2] for rows in rolled(2 * pictures + 20, 4000 + number, STEEP))
     side = random.uniform(0, 2 * np.pi)
@@ -274,6 +285,11 @@ def case(number: int, pictures: int = PICTURES) -> Case:
         wood=tuple(random.uniform(0.85, 1.15) * np.array([0.50, 0.33, 0.18])),
         grain=random.uniform(0.15, 0.35),
     )
+    if number >= LOOKS_FROM:
+        camera = LOOKS_CAMERAS[(number + number // len(LOOKS)) % len(LOOKS_CAMERAS)]
+        run = replace(_looks(kind, usual, random), codec="MJPG", quality=85)
+        # A webcam sends large pictures in MPEG.
+        return replace(_before(camera, run, random), **({"codec": "mp4v"} if kind == "1080p" else {}))
     run = _as(kind, usual, random)
     if number >= CAMERAS_FROM:
         return _before(CAMERAS[(number + number // len(KINDS)) % len(CAMERAS)], run, random)
@@ -339,12 +355,81 @@ def _as(kind: str, usual: Case, random: np.random.Generator) -> Case:
     return replace(usual, **changes[kind])
 
 
+def _looks(kind: str, usual: Case, random: np.random.Generator) -> Case:
+    """Return a case of one of `LOOKS`: bare boards, marbles like their board, rims, thick edges."""
+    lean = tuple(random.uniform(-0.25, 0.25, 2))
+    board = np.array([(0.40, 0.40, 0.40), (0.62, 0.55, 0.42), (0.12, 0.28, 0.14)][int(random.integers(3))])
+    paint = tuple(random.uniform(0.03, 0.6, 3))
+    black = Shine("painted", (0.03, 0.03, 0.03), 0.1)
+    printed = bool(random.integers(2))
+    lamps = tuple(replace(lamp, half_m=random.uniform(0.04, 0.15)) for lamp in usual.lamps)
+    changes: dict[str, dict[str, Any]] = {
+        "faint": {
+            "wood": tuple(board),
+            "grain": 0.0,
+            "shine": Shine("painted", tuple(random.uniform(0.85, 1.2) * board), 0.3),
+            "lamps": lamps,
+            "day": random.uniform(0.25, 0.6),
+        },
+        "square": {
+            "edges_m": (EDGES_M[0], EDGES_M[0]),
+            "view": View.above(random.uniform(260, 310), focal=random.uniform(600, 850), lean=lean),
+            "rim": True,
+            "printed": printed,
+            "shine": Shine("painted", paint, 0.1),
+        },
+        "thick": {
+            "slab_m": random.uniform(0.008, 0.014),
+            "slab_colour": (0.6, 0.58, 0.52),
+            "wood": None,
+            "view": View.above(random.uniform(300, 380), focal=random.uniform(650, 900), lean=lean),
+            "shine": Shine("painted", paint, 0.1),
+        },
+        "1080p": {
+            "slab_m": random.uniform(0.004, 0.012),
+            "slab_colour": (0.7, 0.7, 0.68),
+            "wood": None,
+            "printed": printed,
+            "view": View.above(
+                random.uniform(850, 950),
+                focal=random.uniform(1700, 2200),
+                lean=lean,
+                turn=random.uniform(-0.05, 0.05),
+                size=(1920, 1080),
+            ),
+            "shine": Shine("painted", paint, 0.1),
+        },
+        "grey": {"wood": tuple(np.full(3, random.uniform(0.15, 0.5))), "grain": 0.0, "lamps": lamps},
+        "rimmed": {
+            "rim": True,
+            "rim_colour": tuple(random.uniform(0.2, 1.3) * np.array(usual.wood)),
+            "shine": Shine("painted", paint, 0.1),
+        },
+        "white": {
+            "wood": None,
+            "printed": printed,
+            "shine": Shine("painted", (0.75, 0.75, 0.73), 0.2),
+        },
+        "dark": {
+            "wood": (0.04, 0.04, 0.045),
+            "table_colour": (0.45, 0.45, 0.45),
+            "slab_colour": (0.04, 0.04, 0.045),
+            "shine": black if random.integers(2) else usual.shine,
+        },
+    }
+    return replace(usual, **changes[kind])
+
+
 def _before(camera: str, run: Case, random: np.random.Generator) -> Case:
     """Return a case before another camera, or with an arm over it."""
     if camera == "arm":
         return replace(run, arm=random.uniform(0.4, 0.75))
     if camera == "rolling":
         return replace(run, readout=random.uniform(0.5, 0.9), open=0.3)
+    if camera == "plain":
+        return run
+    if camera == "mpeg4":
+        return replace(run, codec="mp4v", open=0.4)
     if camera == "webcam":
         return replace(run, codec="MJPG", quality=60, shot=0.025, read=0.008, hunting=0.08)
     return replace(run, codec="h264", kbps=900, broken=6 if camera == "broken" else 0)

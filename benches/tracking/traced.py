@@ -18,12 +18,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tracking.cases import EDGES_M, Case, Shine
+from tracking.cases import Case, Shine
 from tracking.view import Array, turned
 
 Linear = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
+#: Mitsuba's, by default; `scalar_rgb` needs no LLVM.
+VARIANT = "llvm_ad_rgb"
 #: Samples to a pixel of the board, and of the window about the marble.
 BOARD_SAMPLES, MARBLE_SAMPLES = 96, 64
 #: Bounces of light.
@@ -32,8 +34,8 @@ DEPTH = 5
 BEYOND = 1.6
 #: Moments of an exposure that are rendered.
 MOMENTS = 3
-#: Thickness of the board, and height and width of its rim [m].
-SLAB_M, RIM_HEIGHT_M, RIM_WIDTH_M = 0.006, 0.008, 0.006
+#: Height and width of a rim [m].
+RIM_HEIGHT_M, RIM_WIDTH_M = 0.008, 0.006
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,10 @@ class Truth:
 class Traced:
     """A run to be rendered; Mitsuba is imported where one is made."""
 
-    def __init__(self, case: Case, samples: float = 1.0) -> None:
+    def __init__(self, case: Case, samples: float = 1.0, variant: str = VARIANT) -> None:
         mitsuba = importlib.import_module("mitsuba")
 
-        mitsuba.set_variant("llvm_ad_rgb")
+        mitsuba.set_variant(variant)
         self._mi: Any = mitsuba
         self.case = case
         self._samples = samples
@@ -74,7 +76,7 @@ class Traced:
 
     def corners(self) -> Array:
         """Return the level board's corners (4, 2) [pixels], clockwise from least x and greatest y."""
-        x, y = EDGES_M[0] / 2, EDGES_M[1] / 2
+        x, y = self.case.edges_m[0] / 2, self.case.edges_m[1] / 2
         return self.case.view.project(np.array([[-x, y, 0], [x, y, 0], [x, -y, 0], [-x, -y, 0.0]]))
 
     def _moment(self, index: int) -> float:
@@ -86,7 +88,7 @@ class Traced:
 
     def _middle(self, moment: float) -> Array:
         """Return the place of the marble's middle in the board's frame (3,) [m]."""
-        return np.array([*(self.case.place_at(moment) * EDGES_M[0]), self.case.radius_m])
+        return np.array([*(self.case.place_at(moment) * self.case.edges_m[0]), self.case.radius_m])
 
     def _seen_at(self, moment: float) -> Array:
         """Return where the middle of the marble is seen (2,) [pixels]."""
@@ -104,7 +106,7 @@ class Traced:
 
     def _tilted(self, moment: float) -> Array:
         """Return the homography that the tilt moves the picture of the board by (3, 3)."""
-        x, y = EDGES_M[0] / 2, EDGES_M[1] / 2
+        x, y = self.case.edges_m[0] / 2, self.case.edges_m[1] / 2
         flat = np.array([[-x, y, 0], [x, y, 0], [x, -y, 0], [-x, -y, 0.0]])
         level, tilted = (
             self.case.view.project(one) for one in (flat, flat @ turned(self.case.tilt_at(moment)).T)
@@ -206,7 +208,7 @@ class Traced:
         view = case.view
         axes = np.stack([-view.rotation[0], -view.rotation[1], view.rotation[2]], axis=1)
         pose = np.vstack([np.column_stack([axes, view.eye]), [0, 0, 0, 1]])
-        width, height = EDGES_M
+        width, height = case.edges_m
         texture = {
             "type": "bitmap",
             "bitmap": mi.Bitmap(case.texture()),
@@ -236,7 +238,11 @@ class Traced:
                 "to_world": move().scale([width / 2, height / 2, 1.0]),
                 "bsdf": painted,
             },
-            "slab": self._block((0, 0, -SLAB_M / 2 - 1e-5), (width, height, SLAB_M), case.rim_colour),
+            "slab": self._block(
+                (0, 0, -case.slab_m / 2 - 1e-5),
+                (width, height, case.slab_m),
+                case.slab_colour or case.rim_colour,
+            ),
             "table": {
                 "type": "rectangle",
                 "to_world": move().translate([0, 0, -case.table_m]).scale([3.0, 3.0, 1.0]),
@@ -245,7 +251,7 @@ class Traced:
         }
         if case.rim:
             across, along = width / 2 + RIM_WIDTH_M / 2, height / 2 + RIM_WIDTH_M / 2
-            tall = RIM_HEIGHT_M + SLAB_M
+            tall = RIM_HEIGHT_M + case.slab_m
             middle = RIM_HEIGHT_M - tall / 2
             for name, place, size in (
                 ("east", (across, 0, middle), (RIM_WIDTH_M, height + 2 * RIM_WIDTH_M, tall)),

@@ -84,12 +84,15 @@ class Appearance:
         The marble's, where the scale is 1 [pixels].
     apart : float
         How far the middle of its rim is from that of what it covers [pixels].
+    error : float
+        Standard error of its middle, where only its shape shows that [pixels].
     """
 
     layers: Values
     precision: Values
     radius: float
     apart: float = 0.0
+    error: float = 0.0
 
     def __post_init__(self) -> None:
         cv2 = opencv()

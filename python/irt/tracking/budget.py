@@ -111,7 +111,7 @@ def error_budget(scene: Scene, corners_mm: float, noise: float, edge_mm: float, 
 
 def _middle_px(appearance: Appearance) -> float:
     """Return the standard error of the marble's middle in its picture [pixels]."""
-    error = float(np.hypot(RIM * appearance.radius, RIM_PX))
+    error = max(float(np.hypot(RIM * appearance.radius, RIM_PX)), appearance.error)
     return max(error, appearance.apart) if appearance.apart > DISAGREE * appearance.radius else error
 
 

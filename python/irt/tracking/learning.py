@@ -18,29 +18,30 @@ from numpy.typing import NDArray
 from irt.errors import IrtError
 from irt.tracking.appearance import Match
 from irt.tracking.background import ROUNDS, Underlay
-from irt.tracking.blob_detector import Box, seek
+from irt.tracking.blob_detector import Box
+from irt.tracking.candidates import candidates, within
 from irt.tracking.colour import ColourModel, shades_of
 from irt.tracking.contrast import Contrast
-from irt.tracking.edge_fit import Rim, Values, fit_rim
-from irt.tracking.finder import Finder, greatest
+from irt.tracking.edge_fit import Rim, fit_rim
+from irt.tracking.finder import Finder
 from irt.tracking.geometry import Geometry
 from irt.tracking.light import Light, is_steady
-from irt.tracking.opencv import opencv
 from irt.tracking.separation import (
     FEWEST,
-    Candidate,
     Clue,
     NoMarbleError,
+    ball_or_shadow,
     beside,
+    is_bare,
     largest_group,
     marble_beside,
     middle_of,
-    seen_through,
     two_of,
     without_shadow,
 )
+from irt.tracking.shading import ELSEWHERE, Thrown
 from irt.tracking.template import View, learn_appearance
-from irt.tracking.tracker import MANY, MARGIN, Learned, Tracker
+from irt.tracking.tracker import MANY, MARGIN, NEAR, Learned, Tracker
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -48,18 +49,12 @@ Scale = Callable[[float, float], float]
 
 #: Least noise [levels]: that of rounding, and of what the light does.
 QUIETEST = 1.0
-#: A candidate's rays that must agree.
-ROUND = 0.7
-#: Candidates of one picture.
-MOST = 6
 #: Pixels of the board that the colours are learned against, per picture.
 OTHERS = 4000
 #: A board on which this share of the sample shows two marbles at once has two.
 TWO = 0.3
 #: Radii, over the expected one, that are tried.
 SIZES = (1.0, 0.75, 1.35)
-#: How far a given disc's radius may be from its value (standard deviation, as a share).
-STIFF = 0.05
 #: A disc of this confidence is a view that the marble's looks are learned from.
 VIEW = 0.6
 #: How far a marble is followed back from one picture of the sample to the one before, in radii.
@@ -67,8 +62,8 @@ BACK = 3.0
 #: More contrast than this is worth another look, where nothing like a marble moves; then this share of the
 #: pictures must show it clearly, and the chance of a shadow may be no more than what is warned of.
 WORTHWHILE, CLEAR, FAINT_SHADOW = 1.5, 0.5, 0.05
-#: A chance of a shadow from here on is refused: one run in a thousand may be refused in vain.
-SHADOW = 0.999
+#: What is likelier a shadow than a marble is refused; where a user says what the marble is, what surely is.
+SHADOW, SURELY = 0.5, 0.999
 
 
 def learn(
@@ -232,7 +227,7 @@ def _moving(pictures: Sequence[Picture], scale: Scale, blank: Finder, *, has_emp
     """Return what is learned from what moves, or is not on the empty board that was given."""
     for size in SIZES:
         tried = replace(blank, radius=size * blank.radius)
-        found = [one for index, picture in enumerate(pictures) for one in _candidates(index, picture, tried)]
+        found = [one for index, picture in enumerate(pictures) for one in candidates(index, picture, tried)]
         marble = largest_group(found, rests=0.1 if has_empty else 0.0)
         places = {one.picture for one in marble}
         if len(places) >= FEWEST:
@@ -255,70 +250,9 @@ def _moving(pictures: Sequence[Picture], scale: Scale, blank: Finder, *, has_emp
     return replace(blank, colours=colours, radius=ratio)
 
 
-def _candidates(index: int, picture: Picture, known: Finder) -> list[Candidate]:
-    """Return what is round, as large as the marble, and not there on the median board."""
-    cv2 = opencv()
-    rows, columns = known.box.slices
-    without = known.without
-    apart = greatest(picture[rows, columns], without[rows, columns])
-    apart = cv2.GaussianBlur(apart, (3, 3), 0)
-    mask = np.where(apart > max(5.0 * known.noise, 14.0), 255, 0).astype(np.uint8)
-    found: list[Candidate] = []
-    for _, x, y in seek(mask, known.radius, MOST):
-        place = x + known.box.left, y + known.box.top
-        height, width = picture.shape[:2]
-        box = Box.about(*place, MARGIN * known.radius, Box(0, 0, width, height))
-        change = picture[box.slices].astype(np.float32) - without[box.slices]
-        layers = np.dstack([change, _cut(mask, known.box, box)]).astype(np.float32)
-        rim = fit_rim(layers, known.noise, (place[0] - box.left, place[1] - box.top), known.radius)
-        rim = replace(rim, x=rim.x + box.left, y=rim.y + box.top)
-        if rim.support < ROUND or not 0.6 < rim.radius / known.radius < 1.6:
-            continue
-        if any(np.hypot(rim.x - one.rim.x, rim.y - one.rim.y) < known.radius for one in found):
-            # Two places lead to one disc: it is no second marble.
-            continue
-        if _steps(picture, rim, known.noise) > _steps(without, rim, known.noise):
-            found.append(Candidate(index, rim, _inner(picture, rim)))
-    return found
-
-
-def _cut(mask: Picture, of: Box, box: Box) -> Values:
-    """Return a mask of one box, from 0 to 1, as another box has it."""
-    part = np.zeros((box.bottom - box.top, box.right - box.left), np.float32)
-    top, left = max(box.top, of.top), max(box.left, of.left)
-    bottom, right = min(box.bottom, of.bottom), min(box.right, of.right)
-    part[top - box.top : bottom - box.top, left - box.left : right - box.left] = (
-        mask[top - of.top : bottom - of.top, left - of.left : right - of.left] / 255.0
-    )
-    return part
-
-
-def _steps(picture: Picture, rim: Rim, noise: float) -> float:
-    """Return how clear a given disc's rim is in a picture: the share of its rays that have a step there."""
-    box = Box.about(rim.x, rim.y, MARGIN * rim.radius, Box(0, 0, picture.shape[1], picture.shape[0]))
-    part = picture[box.slices].astype(np.float32)
-    layers = np.dstack([part, np.ones(part.shape[:2], np.float32)])
-    fit = fit_rim(layers, noise, (rim.x - box.left, rim.y - box.top), rim.radius, STIFF)
-    moved = np.hypot(fit.x + box.left - rim.x, fit.y + box.top - rim.y)
-    return fit.support if moved < 0.4 * rim.radius else 0.0
-
-
-def _inner(picture: Picture, rim: Rim) -> Array:
-    """Return the median colour (3,) of the inner part of a disc."""
-    return np.asarray(np.median(picture[_within(picture, rim, 0.6)], axis=0), dtype=np.float64)
-
-
-def _within(picture: Picture, rim: Rim, part: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return rows and columns of the pixels within a part of a disc's radius."""
-    box = Box.about(rim.x, rim.y, rim.radius, Box(0, 0, picture.shape[1], picture.shape[0]))
-    down, right = np.mgrid[box.slices]
-    inside = np.hypot(right - rim.x, down - rim.y) < part * rim.radius
-    return down[inside], right[inside]
-
-
 def _colours(pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], box: Box) -> ColourModel:
     """Return the colours of discs beside those of all else on the board."""
-    own = [pictures[index][_within(pictures[index], rim, 0.85)] for index, rim in discs]
+    own = [pictures[index][within(pictures[index], rim, 0.85)] for index, rim in discs]
     random = np.random.default_rng(0)
     others = []
     where = dict(discs)
@@ -339,7 +273,7 @@ def _given(pictures: Sequence[Picture], clue: Clue, radius: float, box: Box) -> 
         own = shades_of(clue.colour)
     else:
         discs = [Rim(x, y, radius, 1.0, 1.0) for x, y in clue.places]
-        inner = np.concatenate([first[_within(first, disc, 0.7)] for disc in discs])
+        inner = np.concatenate([first[within(first, disc, 0.7)] for disc in discs])
         own = np.concatenate(
             [inner, *(shades_of(tuple(pixel)) for pixel in inner[:: max(len(inner) // 6, 1)])]
         )
@@ -351,13 +285,51 @@ def _refined(
     pictures: Sequence[Picture], known: Finder, geometry: Geometry, clue: Clue, plain: _Plain
 ) -> Learned:
     """Return more exactly what is roughly known: the marble's colours, the board without it, its looks."""
-    scale, size = scale_of(geometry, known.middle), geometry.radius_at(known.middle)
     found = _discs(pictures, known)
     if not found:
         raise NoMarbleError("nothing has the marble's colours and its size: is --marble or --colour right?")
     feet = geometry.feet(np.array([[rim.x, rim.y] for _, rim in found])).mean(axis=0)
     foot = float(feet[0]), float(feet[1])
-    aside = marble_beside(plain.pictures, found, plain.known(known), clue, foot)
+    # What was found may be the marble and a part of its shadow: it is looked at in the marble's own size.
+    scale, size = scale_of(geometry, known.middle), geometry.radius_at(known.middle)
+    sized = [(index, replace(rim, radius=size * scale(rim.x, rim.y))) for index, rim in found]
+    aside = marble_beside(plain.pictures, sized, plain.known(known), clue, foot)
+    alone = not clue.places and clue.colour is None
+    try:
+        learned, ball = _looked(pictures, known, geometry, (found, aside, foot), plain)
+    except NoMarbleError:
+        if aside is None or not alone:
+            raise
+        # Glass, which gathers the light that it takes, has not the shape of a ball and its shadow.
+        aside = None
+        learned, ball = _looked(pictures, known, geometry, (found, aside, foot), plain)
+    if alone and learned.shadow > SHADOW and np.hypot(*ball) > ELSEWHERE:
+        # Now that all views lie over each other, a ball beside them is the better explanation.
+        x, y = aside or (0.0, 0.0)
+        with suppress(NoMarbleError):
+            other, _ = _looked(pictures, known, geometry, (found, (x + ball[0], y + ball[1]), foot), plain)
+            learned = min(learned, other, key=lambda one: one.shadow)
+    if learned.shadow > (plain.shadow if alone else SURELY):
+        raise NoMarbleError(
+            "what moves on the board is a shadow, and what throws it does not stand out: say where the "
+            "marble is in the first picture (--marble X,Y), or take one of a colour that the board lacks"
+        )
+    return learned
+
+
+def _looked(
+    pictures: Sequence[Picture],
+    known: Finder,
+    geometry: Geometry,
+    where: tuple[list[tuple[int, Rim]], tuple[float, float] | None, tuple[float, float]],
+    plain: _Plain,
+) -> tuple[Learned, tuple[float, float]]:
+    """Return what a marble looks like, and where by its shape the ball is beside it [radii].
+
+    `where` is what was found, the marble beside that or nothing, and its foot beside its middle [radii].
+    """
+    found, aside, foot = where
+    scale, size = scale_of(geometry, known.middle), geometry.radius_at(known.middle)
     radius = (
         float(np.median([rim.radius / scale(rim.x, rim.y) for _, rim in found])) if aside is None else size
     )
@@ -372,13 +344,27 @@ def _refined(
         without=_emptied(pictures, known.without, [*found, *discs]),
     )
     views = [_view(pictures[index], rim, Underlay(known.without), known.noise, scale) for index, rim in discs]
-    appearance = learn_appearance(views, radius, size, known.noise, foot)
-    learned = Learned(replace(known, radius=appearance.radius), appearance)
-    tracker = Tracker(learned, scale)
-    matches = [(index, tracker.match(pictures[index], rim.x, rim.y)) for index, rim in discs]
+    taken = views
+    if plain.pictures is not pictures:
+        under = Underlay(plain.without)
+        taken = [_view(plain.pictures[index], rim, under, plain.noise, scale) for index, rim in discs]
+    # A shape that the views do not confirm is not that of a ball and its shadow.
+    for bare in (True, False) if is_bare(plain.pictures, discs, plain.known(known)) else (False,):
+        appearance = learn_appearance(
+            views, radius, size, known.noise, foot, plain=(taken, plain.noise), bare=bare
+        )
+        learned = Learned(replace(known, radius=appearance.radius), appearance)
+        tracker = Tracker(learned, scale)
+        matches = [(index, tracker.match(pictures[index], rim.x, rim.y)) for index, rim in discs]
+        usual = float(np.median([one.confidence for _, one in matches]))
+        if usual >= NEAR:
+            break
     clear = [(index, one) for index, one in matches if one.confidence > VIEW]
-    if len(clear) < plain.least * len(pictures):
-        raise NoMarbleError("what moves is seen in too few pictures")
+    if len(clear) < plain.least * len(pictures) or usual < NEAR:
+        raise NoMarbleError(
+            "what moves on the board looks the same in too few pictures: say where the marble is in the "
+            "first picture (--marble X,Y), or take one of a colour that the board lacks"
+        )
     if aside is not None:
         # What was found lies beside the marble by so much on average, after the marble's own looks are known.
         offsets = [
@@ -393,19 +379,11 @@ def _refined(
             ),
         )
     seen = [(index, Rim(one.x, one.y, appearance.radius, 1.0, 1.0)) for index, one in clear]
-    shadow = (
-        seen_through(plain.pictures, seen, plain.known(known)).chance_of_shadow
-        if len(seen) >= FEWEST
-        else 0.5
-    )
-    if shadow > plain.shadow:
-        raise NoMarbleError(
-            "what moves on the board is a shadow, and what throws it does not stand out: say where the "
-            "marble is in the first picture (--marble X,Y), or take one of a colour that the board lacks"
-        )
+    laid = Thrown((0.0, 0.0), 0.5)
+    if len(seen) >= FEWEST:
+        laid = ball_or_shadow(plain.pictures, seen, plain.known(known), foot)
     first = _first(pictures, clear, tracker)
-    usual = float(np.median([one.confidence for _, one in matches]))
-    return replace(learned, first=first, usual=usual, shadow=shadow)
+    return replace(learned, first=first, usual=usual, shadow=laid.shadow), laid.ball
 
 
 def _first(
@@ -467,7 +445,7 @@ def _rims(picture: Picture, known: Finder) -> list[Rim]:
 
 def _leaves(pictures: Sequence[Picture], rim: Rim, known: Finder) -> bool:
     """Return whether in a tenth of the pictures there is none of the marble's colours where a disc is."""
-    place = _within(pictures[0], rim, 0.8)
+    place = within(pictures[0], rim, 0.8)
     alike = [float((known.colours.likeness(picture[place]) > 127).mean()) for picture in pictures]
     return float(np.mean(np.array(alike) < 0.3)) > 0.1
 
@@ -476,7 +454,7 @@ def _emptied(pictures: Sequence[Picture], without: Picture, discs: Sequence[tupl
     """Return the median board with the marble taken out of it where it rested long."""
     held = np.zeros((len(pictures), *without.shape[:2]), dtype=np.bool_)
     for index, rim in discs:
-        held[(index, *_within(without, rim, 1.6))] = True
+        held[(index, *within(without, rim, 1.6))] = True
     often = held.mean(axis=0) > 0.2
     if not often.any():
         return without

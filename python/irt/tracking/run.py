@@ -27,6 +27,7 @@ from irt.tracking.corners import (
 from irt.tracking.geometry import Geometry, Lens, Plane, Pose, Size
 from irt.tracking.learning import learn, scale_of
 from irt.tracking.markers import Markers, corners_by_markers
+from irt.tracking.nested import require_board
 from irt.tracking.opencv import opencv
 from irt.tracking.partial import Partial
 from irt.tracking.separation import Clue
@@ -206,12 +207,8 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
     edges = None if question.corners is not None else _sides(pictures, corners, lens)
     if edges is not None:
         corners = edges.corners
-        surely = edges.clear and edges.error_px < MISSHAPEN * mean_side(corners)
-        if surely and misshapen(corners, lens, size) > MISSHAPEN:
-            raise IrtError(
-                "what was found in the picture is not of the board's shape; it may be its rim, or its edge: "
-                "--corners X,Y X,Y X,Y X,Y says where the board is"
-            )
+        if edges.clear and edges.error_px < MISSHAPEN * mean_side(corners):
+            require_board(np.median(np.stack(pictures), axis=0).astype(np.uint8), corners, lens, size)
     if edges is not None and edges.clear:
         # A board that is elsewhere is no ground for the marble.
         pictures = [pictures[0], *(one for one in pictures[1:] if edges.stand(one))]

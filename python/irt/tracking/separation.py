@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,8 @@ from irt.tracking.background import ROUNDS, Underlay
 from irt.tracking.blob_detector import Box
 from irt.tracking.edge_fit import Rim
 from irt.tracking.finder import Finder
-from irt.tracking.rims import light_of
-from irt.tracking.shading import thrower
-from irt.tracking.shadow import ASIDE, CELLS, HALF, REACH, Neighbourhood, Transmission, transmission, usual
+from irt.tracking.shading import ELSEWHERE, Thrown, thrown
+from irt.tracking.shadow import ASIDE, CELLS, REACH, Neighbourhood, cut_out, transmission
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -29,6 +28,8 @@ FEWEST = 3
 STEP = 0.25
 #: Chances of a shadow between this and one less this leave it open which of the two was found.
 UNSURE = 0.01
+#: A ball that is farther beside what was found is looked at once more [radii].
+FAR = 1.0
 #: A user points at a marble to within its radius, less what an unsteady hand misses [radii].
 POINTED = 0.75
 
@@ -92,7 +93,7 @@ def without_shadow(
     """Return candidates of one colour without a shadow that is among them; all of them where there is none.
 
     Two marbles do not keep step: what is at one offset from another thing in all pictures is a shadow of it,
-    or throws it. The one through which more of the board's texture is seen is the shadow.
+    or throws it.
     """
     pairs = []
     for index in {one.picture for one in marble}:
@@ -113,8 +114,10 @@ def without_shadow(
         [pair[0] if way > 0 else pair[1] for pair, way in zip(pairs, turned, strict=True)],
         [pair[1] if way > 0 else pair[0] for pair, way in zip(pairs, turned, strict=True)],
     ]
-    through = [seen_through(pictures, [(one.picture, one.rim) for one in end], known) for end in ends]
-    kept = min((0, 1), key=lambda end: (round(through[end].chance_of_shadow, 3), through[end].middle))
+    chances = [
+        ball_or_shadow(pictures, [(one.picture, one.rim) for one in end], known).shadow for end in ends
+    ]
+    kept = int(np.argmin(chances))
     own, other = (np.median([one.colour for one in ends[end]], axis=0) for end in (kept, 1 - kept))
     return [
         one
@@ -133,12 +136,13 @@ def marble_beside(
 ) -> tuple[float, float] | None:
     """Return where the marble is beside what was found (dx, dy) [radii], None where that is the marble.
 
-    `foot` is where a marble touches the board, beside its middle in a picture [radii].
+    `found` has the marble's own radius; `foot` is where a marble touches the board, beside its middle in a
+    picture [radii].
     """
     if clue.places:
         index, rim = found[0]
         x, y = min(clue.places, key=lambda place: np.hypot(place[0] - rim.x, place[1] - rim.y))
-        dx, dy = (x - rim.x) / known.radius, (y - rim.y) / known.radius
+        dx, dy = (x - rim.x) / rim.radius, (y - rim.y) / rim.radius
         away = float(np.hypot(dx, dy)) if index == 0 else 0.0
         if away > ASIDE:
             raise NoMarbleError(
@@ -152,12 +156,16 @@ def marble_beside(
     through = transmission(around)
     if through.is_no_shadow or through.chance_of_shadow < UNSURE:
         return None
-    opaque = through.opaque() if through.middle > HALF else None
-    if opaque is None and through.chance_of_shadow < 1.0 - UNSURE:
-        # A board without texture does not say which of the two this is. The shape of the two does.
-        picture, board = usual(around)
-        return thrower(light_of(picture), light_of(board), CELLS, foot)
-    return opaque
+    if through.chance_of_shadow > 1.0 - UNSURE:
+        return through.opaque()
+    # The board's texture does not say which of the two this is. The shape of the two does.
+    x, y = _laid(around, foot).ball
+    if np.hypot(x, y) > FAR:
+        # What is in the middle of what is seen is laid best.
+        moved = [(index, beside(rim, (x, y), rim.radius)) for index, rim in found]
+        dx, dy = _laid(_around(pictures, moved, known), foot).ball
+        x, y = x + dx, y + dy
+    return (x, y) if float(np.hypot(x, y)) > ELSEWHERE else None
 
 
 def beside(rim: Rim, aside: tuple[float, float], radius: float) -> Rim:
@@ -171,11 +179,36 @@ def middle_of(offsets: Sequence[tuple[float, float]]) -> tuple[float, float]:
     return float(x), float(y)
 
 
-def seen_through(
-    pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], known: Finder
-) -> Transmission:
-    """Return how much of the board's texture is seen through discs and what is beside them."""
-    return transmission(_around(pictures, discs, known))
+def ball_or_shadow(
+    pictures: Sequence[Picture],
+    discs: Sequence[tuple[int, Rim]],
+    known: Finder,
+    foot: tuple[float, float] = (0.0, 0.0),
+) -> Thrown:
+    """Return the chance that discs are a shadow, and where the ball is beside them.
+
+    By how much of the board's texture is seen through them; where that leaves it open, by the shape of what
+    is there as well. `foot` is as in `marble_beside`.
+    """
+    around = _around(pictures, discs, known)
+    through = transmission(around)
+    chance = through.chance_of_shadow
+    if through.is_no_shadow or not UNSURE < chance < 1.0 - UNSURE:
+        return Thrown((0.0, 0.0), chance)
+    shape = _laid(around, foot)
+    return replace(
+        shape, shadow=chance * shape.shadow / (chance * shape.shadow + (1.0 - chance) * (1.0 - shape.shadow))
+    )
+
+
+def is_bare(pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], known: Finder) -> bool:
+    """Return whether the board about discs shows no texture."""
+    return not bool(np.isfinite(transmission(_around(pictures, discs, known)).error).all())
+
+
+def _laid(around: Sequence[Neighbourhood], foot: tuple[float, float]) -> Thrown:
+    """Return the ball that is in the middle of neighbourhoods, or throws the shadow there."""
+    return thrown(*cut_out(around), CELLS, foot)
 
 
 def _around(

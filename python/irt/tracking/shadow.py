@@ -141,21 +141,19 @@ def transmission(neighbourhoods: Sequence[Neighbourhood]) -> Transmission:
     error = np.sqrt(ALIKE * left / np.maximum(ground - count * rounded, 1e-9 * rounded))
     # Most of the neighbourhood is clear. Where the board shows less than itself there, its texture is noise.
     clear = float(np.median(share))
-    scatter = 1.48 * float(np.median(np.abs(share - clear)))
-    clear = max(clear, 1e-3)
-    return Transmission(share / clear, np.hypot(error, scatter) / clear, np.median(apart[inner > 0], axis=0))
+    error = np.hypot(error, 1.48 * float(np.median(np.abs(share - clear))))
+    if clear < SURE * float(np.median(error)):
+        # Not even the open board shows a texture.
+        share, error, clear = np.full_like(share, HALF), np.full_like(error, np.inf), 1.0
+    return Transmission(share / clear, error / clear, np.median(apart[inner > 0], axis=0))
 
 
-def usual(neighbourhoods: Sequence[Neighbourhood]) -> tuple[Values, Values]:
-    """Return the medians of pictures and boards (n, n, 3), `CELLS` to a radius, discs in their middle."""
-    pictures, boards = (
-        np.median(np.array(cuts), axis=0).astype(np.float32)
-        for cuts in (
-            [_cut(one.picture, one) for one in neighbourhoods],
-            [_cut(one.board, one) for one in neighbourhoods],
-        )
+def cut_out(neighbourhoods: Sequence[Neighbourhood]) -> tuple[Values, Values]:
+    """Return pictures and boards (v, n, n, 3), `CELLS` to a radius, discs in their middle."""
+    return (
+        np.array([_cut(one.picture, one) for one in neighbourhoods]),
+        np.array([_cut(one.board, one) for one in neighbourhoods]),
     )
-    return pictures, boards
 
 
 def _cut(layers: Values, one: Neighbourhood) -> Values:

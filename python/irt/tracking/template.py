@@ -18,7 +18,7 @@ from irt.tracking.appearance import FINE, REACH, Appearance, Values
 from irt.tracking.coverage import Coverage, Laid
 from irt.tracking.opencv import opencv
 from irt.tracking.rims import disc_by_rims, light_of
-from irt.tracking.shading import ball_by_shading
+from irt.tracking.shading import BY_SHAPE, COVERS, ball_by_shading, thrown
 
 Array = NDArray[np.float64]
 
@@ -70,6 +70,9 @@ def learn_appearance(
     expected: float,
     noise: float,
     foot: tuple[float, float] = (0.0, 0.0),
+    *,
+    plain: tuple[Sequence[View], float] | None = None,
+    bare: bool = False,
 ) -> Appearance:
     """Return what a marble looks like.
 
@@ -83,6 +86,11 @@ def learn_appearance(
         Standard deviation of a colour [levels].
     foot : (dx, dy)
         Where a marble touches the board, beside its middle in a picture, on average [radii].
+    plain : (sequence of View, float), optional
+        The same views as the camera took them, and their noise, where the contrast of `views` was changed:
+        light and its shadows are found in these.
+    bare : bool
+        Whether the board has no grain: then a shadow covers it as a marble does.
     """
     centres = np.array([[view.x, view.y] for view in views])
     trust = np.ones(len(views))
@@ -100,24 +108,64 @@ def learn_appearance(
         # Where all move alike the appearance would, too: its middle is found below.
         moved = moved - np.median((moved - centres)[trust > 0], axis=0)
         centres = np.where(trust[:, None] > 0, moved, centres)
-    covers = stack.coverage(trust, noise).sized(radius, expected)
-    dx, dy, found = _disc(stack.mean(trust), stack.mean_board(trust), covers, noise, foot)
+    taken, level = plain or (views, noise)
+    stack = _Stack.of(taken, centres, radius)
+    covers = stack.coverage(trust, level).sized(radius, expected)
+    disc = _disc(stack, trust, covers, level, foot, bare=bare)
+    dx, dy, found = disc.x, disc.y, disc.radius
     scales = np.array([view.scale for view in views])
     centres = centres + np.outer(scales, [dx, dy])
     appearance = _Stack.of(views, centres, found).appearance(trust, found, noise)
-    return replace(appearance, apart=float(np.hypot(dx - covers.x, dy - covers.y)))
+    return replace(appearance, apart=disc.apart, error=disc.error)
+
+
+@dataclass(frozen=True)
+class _Disc:
+    """The marble's disc from the middle of the views [pixels].
+
+    `apart` is how far two estimates of its middle are apart, `error` that of one that only shape shows.
+    """
+
+    x: float
+    y: float
+    radius: float
+    apart: float
+    error: float = 0.0
 
 
 def _disc(
-    usual: Values, board: Values, covers: Laid, noise: float, foot: tuple[float, float]
-) -> tuple[float, float, float]:
-    """Return the marble's disc in the usual picture: its middle from that of the picture, its radius."""
-    disc = disc_by_rims(usual, board, covers, noise)
-    if disc.hue < ALIKE_HUE:
-        ball = ball_by_shading(light_of(usual), light_of(board), covers, foot)
-        if ball.matt:
-            return ball.x, ball.y, covers.radius
-    return disc.x, disc.y, disc.radius
+    stack: _Stack, trust: Array, covers: Laid, noise: float, foot: tuple[float, float], *, bare: bool
+) -> _Disc:
+    """Return the marble's disc."""
+    usual, board = stack.mean(trust), stack.mean_board(trust)
+    rims = disc_by_rims(usual, board, covers, noise)
+    if rims.hue >= ALIKE_HUE:
+        return _Disc(rims.x, rims.y, rims.radius, float(np.hypot(rims.x - covers.x, rims.y - covers.y)))
+    near = COVERS * covers.radius
+    error = 0.0
+    if bare:
+        # The shadow covers as much as the ball: the shape of the two says more.
+        covers = _by_shape(stack, trust, covers.radius, foot)
+        rims = disc_by_rims(usual, board, covers, noise)
+        error = BY_SHAPE * covers.radius
+    ball = ball_by_shading(light_of(usual), light_of(board), covers, foot)
+    apart = float(np.hypot(ball.x - covers.x, ball.y - covers.y))
+    if not ball.matt and not (bare and apart < near):
+        apart = float(np.hypot(rims.x - covers.x, rims.y - covers.y))
+        return _Disc(rims.x, rims.y, rims.radius, apart, error)
+    if apart > near and not bare:
+        shape = _by_shape(stack, trust, covers.radius, foot)
+        apart, error = (
+            min(apart, float(np.hypot(ball.x - shape.x, ball.y - shape.y))),
+            BY_SHAPE * covers.radius,
+        )
+    return _Disc(ball.x, ball.y, covers.radius, apart, error)
+
+
+def _by_shape(stack: _Stack, trust: Array, radius: float, foot: tuple[float, float]) -> Laid:
+    """Return the disc that ball and shadow show together."""
+    x, y = thrown(*stack.trusted(trust), FINE * radius, foot).ball
+    return Laid(x * radius, y * radius, radius, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +191,10 @@ class _Stack:
     def mean_board(self, trust: Array) -> Values:
         """Return the usual board without a marble (n, n, 3)."""
         return np.asarray(np.median(self.boards[trust > 0], axis=0), dtype=np.float32)
+
+    def trusted(self, trust: Array) -> tuple[Values, Values]:
+        """Return the pictures and boards (v, n, n, 3) of the views that fit."""
+        return self.pictures[trust > 0], self.boards[trust > 0]
 
     def coverage(self, trust: Array, noise: float) -> Coverage:
         """Return what the views do to the board."""

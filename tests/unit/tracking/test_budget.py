@@ -25,8 +25,8 @@ def pose() -> Pose:
     return Pose.of(lens, seen, SIZE.corners, SIZE.radius)
 
 
-def scene(geometry, apart: float = 0.5) -> SimpleNamespace:
-    appearance = SimpleNamespace(apart=apart, radius=8.0)
+def scene(geometry, apart: float = 0.5, error: float = 0.0) -> SimpleNamespace:
+    appearance = SimpleNamespace(apart=apart, radius=8.0, error=error)
     learned = SimpleNamespace(appearance=appearance)
     return SimpleNamespace(size=SIZE, geometry=geometry, learned=learned, tilt_noise=TILT_NOISE)
 
@@ -76,3 +76,8 @@ def test_without_a_lens_height_is_a_guess_and_lens_and_tilt_are_unknown() -> Non
     found = error_budget(scene(plane), 0.1, 0.0, EDGE_MM, 330.0)
     assert found.unknown == ("lens", "tilt")
     assert found.height == pytest.approx(EDGE_MM * 0.01 * np.sqrt((grid() ** 2).sum(axis=1).mean()), rel=0.3)
+
+
+def test_a_marble_that_only_its_shape_shows_is_less_certain(pose: Pose) -> None:
+    found = error_budget(scene(pose, apart=0.5, error=0.8), 0.1, 0.0, EDGE_MM, 330.0)
+    assert found.marble == pytest.approx(EDGE_MM * 0.8 / 330.0)

@@ -10,7 +10,9 @@ import pytest
 
 from irt.errors import IrtError
 from irt.tracking.board_edges import BoardEdges
+from irt.tracking.corners import MISSHAPEN, like_a_rim, misshapen
 from irt.tracking.geometry import Lens, Size
+from irt.tracking.nested import nested, require_board
 from irt.tracking.run import Question, _corners, prepare
 from tracking.view import View, turned
 
@@ -20,19 +22,29 @@ WHITE, WOOD, TABLE = (225, 225, 225), (90, 150, 200), (40, 40, 40)
 RIM_M = 0.010
 
 
-def outline(view: View, tilt: np.ndarray, beyond: float = 0.0) -> np.ndarray:
+def outline(view: View, tilt: np.ndarray, beyond: float = 0.0, size: Size = SIZE) -> np.ndarray:
     """Return the corners (4, 2) [pixels] of the board, or of what reaches so far beyond it [m]."""
-    flat = np.column_stack([SIZE.corners * EDGES[0] * (EDGES + 2 * beyond) / EDGES, np.zeros(4)])
-    return view.project(flat @ turned(tilt).T)
+    flat = size.corners * EDGES[0] + beyond * np.sign(size.corners)
+    return view.project(np.column_stack([flat, np.zeros(4)]) @ turned(tilt).T)
 
 
 def drawn(
-    view: View, tilt: np.ndarray, board: tuple[int, ...], rim: tuple[int, ...] | None = None
+    view: View,
+    tilt: np.ndarray,
+    board: tuple[int, ...],
+    rim: tuple[int, ...] | None = None,
+    *,
+    size: Size = SIZE,
+    border: float = 0.0,
 ) -> np.ndarray:
-    """Draw a board, with a rim about it."""
+    """Draw a board, with a rim about it, and a printed border so far within it [m]."""
     picture = np.full((view.height, view.width, 3), TABLE, np.uint8)
-    for corners, colour in ((outline(view, tilt, RIM_M), rim), (outline(view, tilt), board)):
+    ways = [(RIM_M, rim), (0.0, board)]
+    if border:
+        ways += [(-border, TABLE), (-border - 0.0015, board)]
+    for beyond, colour in ways:
         if colour is not None:
+            corners = outline(view, tilt, beyond, size)
             cv2.fillConvexPoly(picture, np.rint(16 * corners).astype(int), colour, cv2.LINE_AA, 4)
     return cv2.GaussianBlur(picture, (0, 0), 0.7)
 
@@ -69,3 +81,44 @@ def test_sides_of_a_large_board_move_far_and_are_followed() -> None:
     assert edges.clear
     # The tilt moves corners by 12 pixels.
     assert np.linalg.norm(edges.corners - outline(view, LEVEL), axis=1).max() < 2.0
+
+
+SQUARE = Size(1.0, 1.0, SIZE.radius)
+
+
+def test_a_square_board_with_a_rim_is_asked_about() -> None:
+    """Both squares have the board's shape."""
+    picture = drawn(VIEW, LEVEL, WHITE, rim=WOOD, size=SQUARE)
+    outer = outline(VIEW, LEVEL, RIM_M, SQUARE)
+    with pytest.raises(IrtError, match="two outlines lie within each other"):
+        require_board(picture, outer, lens_of(VIEW), SQUARE)
+    within = nested(picture, outer, lens_of(VIEW), SQUARE)
+    assert within is not None
+    assert within.width == pytest.approx(RIM_M / EDGES[0], abs=0.004)
+    assert np.linalg.norm(within.corners - outline(VIEW, LEVEL, 0.0, SQUARE), axis=1).max() < 1.5
+
+
+def test_a_square_board_alone_is_the_board() -> None:
+    picture = drawn(VIEW, LEVEL, WHITE, size=SQUARE)
+    require_board(picture, outline(VIEW, LEVEL, 0.0, SQUARE), lens_of(VIEW), SQUARE)
+
+
+def test_a_border_on_a_board_that_is_not_square_is_no_board() -> None:
+    picture = drawn(VIEW, LEVEL, WHITE, border=0.004)
+    assert nested(picture, outline(VIEW, LEVEL), lens_of(VIEW), SIZE) is not None
+    require_board(picture, outline(VIEW, LEVEL), lens_of(VIEW), SIZE)
+
+
+def test_a_lens_that_is_off_is_no_rim() -> None:
+    """Boards were refused where the middle of the lens was off by 20 pixels."""
+    view = View.above(330.0, focal=650.0, lean=(0.2, -0.15))
+    seen = outline(view, LEVEL)
+    missed, refused = [], []
+    for turn in np.arange(12) * np.pi / 6:
+        lens = lens_of(view)
+        lens.matrix[:2, 2] += 20.0 * np.array([np.cos(turn), np.sin(turn)])
+        missed.append(misshapen(seen, lens, SIZE))
+        refused.append(like_a_rim(seen, lens, SIZE))
+    assert np.mean(np.array(missed) > MISSHAPEN) > 0.4
+    assert np.mean(refused) < 0.2
+    assert like_a_rim(outline(view, LEVEL, 0.006), lens_of(view), SIZE)

@@ -8,7 +8,7 @@ import pytest
 
 from irt.tracking.appearance import FINE
 from irt.tracking.coverage import Laid
-from irt.tracking.shading import ball_by_shading, thrower
+from irt.tracking.shading import ball_and_shadow, ball_by_shading, thrown
 
 RADIUS, HALF, SAMPLES = 8.0, 25, 4
 WOOD = np.array([0.16, 0.31, 0.47])
@@ -54,9 +54,12 @@ def test_a_matt_ball_is_found_where_it_is(covered: tuple[float, float]) -> None:
     assert found.matt
 
 
-def test_what_mirrors_is_not_matt() -> None:
-    light, board = rendered("mirror")
-    assert not ball_by_shading(light, board, Laid(*MIDDLE, RADIUS, 0.0), FOOT).matt
+@pytest.mark.parametrize("exposure", [1.0, 0.4])
+@pytest.mark.parametrize("surface", ["matt", "mirror"])
+def test_what_mirrors_is_not_matt_in_less_light_either(surface: str, exposure: float) -> None:
+    light, board = (exposure * one for one in rendered(surface))
+    ball = ball_by_shading(light, board, Laid(*MIDDLE, RADIUS, 0.0), FOOT)
+    assert ball.matt == (surface == "matt")
 
 
 LOW = np.array([0.6, -0.5, 0.62]) / np.linalg.norm([0.6, -0.5, 0.62])
@@ -64,12 +67,40 @@ LOW = np.array([0.6, -0.5, 0.62]) / np.linalg.norm([0.6, -0.5, 0.62])
 SHADOW = FOOT - LOW[:2] / LOW[2]
 
 
+FINE_ENOUGH = 0.75
+
+
+def seen(found: str, off: tuple[float, float] = (0.0, 0.0)) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a picture with ball or shadow about the middle, the board, and the place of the ball [radii]."""
+    ball = np.array(off) - (SHADOW if found == "shadow" else 0.0)
+    return *rendered("matt", RADIUS * ball, 22, FINE_ENOUGH, LOW), ball
+
+
+@pytest.mark.parametrize("off", [(0.0, 0.0), (0.2, -0.25)])
 @pytest.mark.parametrize("found", ["shadow", "ball"])
-def test_a_shadow_in_the_middle_leads_to_its_ball(found: str) -> None:
-    fine = 0.75
-    middle = -RADIUS * SHADOW if found == "shadow" else np.zeros(2)
-    thrown = thrower(*rendered("matt", middle, 22, fine, LOW), RADIUS * fine, FOOT)
-    if found == "ball":
-        assert thrown is None
-    else:
-        assert thrown == pytest.approx(tuple(-SHADOW), abs=0.3)
+def test_what_is_in_the_middle_is_found(found: str, off: tuple[float, float]) -> None:
+    light, board, ball = seen(found, off)
+    laid = ball_and_shadow(light, board, RADIUS * FINE_ENOUGH, FOOT)
+    assert laid.ball == pytest.approx(tuple(ball), abs=0.25)
+    assert (laid.shadow > 0.8) if found == "shadow" else (laid.shadow < 0.2)
+
+
+def levels(light: np.ndarray) -> np.ndarray:
+    return (255.0 * (np.maximum(light, 0.0) / 255.0) ** (1.0 / 2.2)).astype(np.float32)
+
+
+def test_the_end_of_the_board_in_other_places_of_other_views_does_not_matter() -> None:
+    """A marble that rolls along a side: its median picture has the board's end where the median board has
+    none."""
+    light, board, ball = seen("shadow")
+    pictures, boards = [], []
+    for end in (2, 5, 8, 11, 14):
+        picture, ground = levels(light), levels(board)
+        picture[:, :end] *= 0.3
+        ground[:, : max(end - 4, 0)] *= 0.3
+        ground[:, max(end - 4, 0) : end] = picture[:, max(end - 4, 0) : end]
+        pictures.append(picture)
+        boards.append(ground)
+    laid = thrown(np.array(pictures), np.array(boards), RADIUS * FINE_ENOUGH, FOOT)
+    assert laid.ball == pytest.approx(tuple(ball), abs=0.2)
+    assert laid.shadow > 0.8
