@@ -77,7 +77,8 @@ def parameters(
         if sizes:
             size = max(sizes, key=lambda each: _distance(found[f"{name}.{each.name}"], each.neutral))
             key = f"{name}.{size.name}"
-            found[key] = _apart(found[key], size.neutral, loss)
+            share = _least_share(key, one.fitted, found["time_scale"])
+            found[key] = _apart(found[key], size.neutral, loss, share)
     if JITTER in one.effects:
         found[f"{JITTER}.sd_s"] = _spread(one, found["time_scale"])
     return found, unidentifiable(information)
@@ -90,17 +91,25 @@ def _distance(one: Parameter, neutral: float) -> float:
     return abs(one.value - neutral) / max(one.high - one.low, 1e-300)
 
 
-def _apart(one: Parameter, neutral: float, loss: float) -> Parameter:
+def _least_share(name: str, fitted: Fitted, time_scale: Parameter) -> float:
+    """Return the smallest share of a parameter's value in the interval of the time scale."""
+    power = 0.0 if time_is_known(fitted.dataset) else _power(name, fitted)
+    ends = [one for one in (time_scale.low, time_scale.high) if one]
+    return float(min([1.0, *((end / time_scale.value) ** power for end in ends)]))
+
+
+def _apart(one: Parameter, neutral: float, loss: float, share: float) -> Parameter:
     """Return a parameter whose interval excludes the neutral value if the likelihood does.
 
     Effects with stick and slip have little curvature at the maximum, although the recordings exclude their
     absence. The loss of log-likelihood at the neutral value is known. If it were quadratic in the parameter,
     the 95 % interval would end at a share of the distance that is the square root of the ratio of the two
-    losses.
+    losses. Where time is unknown the likelihood is the same at other time scales, at which the distance is as
+    small as `share` of it.
     """
     if one.low is None or one.high is None or not np.isfinite(neutral) or loss <= _FALLEN:
         return one
-    nearest = one.value + (neutral - one.value) * float(np.sqrt(_FALLEN / loss))
+    nearest = neutral + share * (one.value - neutral) * (1.0 - float(np.sqrt(_FALLEN / loss)))
     if neutral < one.value:
         return Parameter(one.value, one.low if one.low > neutral else nearest, one.high)
     return Parameter(one.value, one.low, one.high if one.high < neutral else nearest)

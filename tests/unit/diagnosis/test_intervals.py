@@ -18,14 +18,14 @@ TRUTH = dict(zip(PARAMETERS, (0.06, 0.05, 4e-4, 15.0, 1.03), strict=True)) | {"v
 SLOWED = (0.06, 0.05, 4e-4, 20.0, 1.0)
 
 
-def parameters(dataset):
-    """Return the intervals of a planted drag, fitted from near the truth."""
+def parameters(dataset, name="viscous_drag", near=(0.5,)):
+    """Return the intervals with a planted effect, fitted from near the truth."""
     scores = Scores(dataset)
     base = scores.base()
-    values = np.append(base.top.values, 0.5)[None]
-    (one,) = scores.ascend(("viscous_drag",), values, base.noise[None], base.top.states, iterations=25)
+    values = np.append(base.top.values, near)[None]
+    (one,) = scores.ascend((name,), values, base.noise[None], base.top.states, iterations=25)
     loss = one.top.log_likelihood - base.top.log_likelihood
-    return intervals.parameters(one, Validation().of(one), {"viscous_drag": loss})[0]
+    return intervals.parameters(one, Validation().of(one), {name: loss})[0]
 
 
 @pytest.mark.slow
@@ -54,6 +54,17 @@ def test_without_stamps_no_time_scale_is_read_off_impacts(plant, seed):
     assert all(found[name].low <= true <= found[name].high for name, true in TRUTH.items())
     time_scale = found["time_scale"]
     assert time_scale.high - time_scale.low > 0.5 * time_scale.value
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_without_stamps_a_size_is_as_unknown_as_the_time_scale(plant, seed):
+    """A tilt goes with the inverse square of the time scale."""
+    bias = {"name": "tilt_bias", "bias_x_rad": 0.002, "bias_y_rad": -0.001}
+    found = parameters(plant([bias], runs=3, rows=60, seed=seed), "tilt_bias", (0.002, -0.001))
+    size, time_scale = found["tilt_bias.bias_x_rad"], found["time_scale"]
+    least = size.value * (time_scale.value / time_scale.high) ** 2
+    assert 0.0 < size.low <= 1.001 * least
 
 
 @pytest.mark.slow
