@@ -288,8 +288,9 @@ def case(number: int, pictures: int = PICTURES) -> Case:
     if number >= LOOKS_FROM:
         camera = LOOKS_CAMERAS[(number + number // len(LOOKS)) % len(LOOKS_CAMERAS)]
         run = replace(_looks(kind, usual, random), codec="MJPG", quality=85)
+        run = _before(camera, run, random)
         # A webcam sends large pictures in MPEG.
-        return replace(_before(camera, run, random), **({"codec": "mp4v"} if kind == "1080p" else {}))
+        return replace(run, codec="mp4v") if kind == "1080p" else run
     run = _as(kind, usual, random)
     if number >= CAMERAS_FROM:
         return _before(CAMERAS[(number + number // len(KINDS)) % len(CAMERAS)], run, random)
