@@ -62,11 +62,12 @@ def test_the_push_of_a_table_that_is_not_level_is_found_in_every_row(plant):
     one = Scores(plant([level], runs=4, rows=120, stamped=True)).base()
     found = smoothed(one)
     push, deviation = (np.concatenate(each)[:, 0] for each in (found.push, found.push_deviation))
-    seen = np.isfinite(push)
-    # Gears, friction and uncertain rebounds compensate for a part.
+    # At the rim a wall holds the marble, and shows no push.
+    marble = np.concatenate([run.observed for run in one.dataset.runs])
+    seen = np.isfinite(push) & (np.abs(marble) < [0.45, 0.37]).all(axis=1)
     wanted = 5.0 / 7.0 * GRAVITY * bias
     mean = np.average(push[seen], weights=deviation[seen] ** -2)
-    assert 0.4 * wanted < mean < 1.1 * wanted
+    assert 0.9 * wanted < mean < 1.1 * wanted
     assert (push[seen] > 0.0).mean() > 0.9
     assert (deviation[seen] > 0.0).all()
     assert all(np.isnan(each[0]).all() for each in found.push)
