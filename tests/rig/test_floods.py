@@ -18,7 +18,7 @@ from packets import Packet, Writer, changed, large_fragment, lie, submessages, w
 HERE = Path(__file__).resolve().parent
 Inside = Callable[..., CompletedProcess[str]]
 
-#: Without packets that lie about their writers: after these rustdds 0.15 kept one process of two from ending within
+#: Without packets that lie about their writers: after these one process of two did not end within
 #: 40 s of SIGTERM, which is not mended (docs/reliability.md).
 TRIED = [attack for attack in ATTACKS if attack != "lies"]
 #: Number of laboratories at once.
