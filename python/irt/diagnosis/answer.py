@@ -86,7 +86,7 @@ class Answer:
         report("locating the mismatch")
         where = self._where()
         report("ties")
-        tied = [] if UNLISTED in best.effects else ties(self._posterior, best, self._relevance.validation)
+        tied = [] if UNLISTED in best.effects else ties(self._relevance.exchanges, best)
         report("held-out errors")
         order = self._ordered()
         again = self._chosen_again(tied)

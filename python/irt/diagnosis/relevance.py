@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, field
 
@@ -12,7 +13,7 @@ from irt.diagnosis.hypotheses import JITTER, group_of
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scored, Scores
 from irt.diagnosis.selection import Posterior, Selection
-from irt.diagnosis.ties import exchanged
+from irt.diagnosis.ties import Tie, exchanged
 from irt.diagnosis.validation import Validation
 from irt.model import Parameter
 
@@ -43,6 +44,11 @@ class Relevance:
     def validation(self) -> Validation:
         """The cross-validation."""
         return self.selection.validation
+
+    @functools.cached_property
+    def exchanges(self) -> list[Tie]:
+        """The ties of the best set."""
+        return exchanged(self.posterior, self.validation)
 
     def without(self, one: Scored, name: str) -> Scored:
         """Return a set without one of its effects, fitted in the same way as the set."""
@@ -96,7 +102,7 @@ class Relevance:
 
         A learned correction always is, because it competes as a set.
         """
-        instead = [one.instead for one in exchanged(self.posterior, self.validation) if one.name == name]
+        instead = [one.instead for one in self.exchanges if one.name == name]
         alike = [*group_of(name), *instead]
         return name == UNLISTED or self.posterior.any_of(alike) > config.PROBABLE
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,9 +32,9 @@ class Tie:
     scored: Scored
 
 
-def ties(posterior: Posterior, answer: Scored, validation: Validation) -> list[Tie]:
-    """Return the ties of each effect of an answer among all scored sets."""
-    found = [one for one in exchanged(posterior, validation) if one.name in answer.effects]
+def ties(exchanges: Sequence[Tie], answer: Scored) -> list[Tie]:
+    """Return the ties of each effect of an answer, from those of the best set."""
+    found = [one for one in exchanges if one.name in answer.effects]
     for name in ALIKE.intersection(answer.effects):
         other = renamed(answer, name)
         instead = other.effects[answer.effects.index(name)]

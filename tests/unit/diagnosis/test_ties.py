@@ -15,7 +15,7 @@ from irt.diagnosis.validation import Validation
 def tied(dataset, asked=None):
     """Return the answer and the ties of its effects; by default all effects are searched."""
     posterior = Selection(Scores(dataset), asked or hypotheses(), lambda _: None).run()
-    return posterior.best, ties(posterior, posterior.best, Validation())
+    return posterior.best, ties(exchanged(posterior, Validation()), posterior.best)
 
 
 @pytest.mark.slow
