@@ -24,7 +24,7 @@ use super::actuation::Actuation;
 use super::camera::Camera;
 use super::{Job, Setup, Sink};
 use crate::effects::Any;
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, Mask};
 use crate::maze::Fall;
 use crate::motion::{Marbles, Pair, Push, Rims};
 
@@ -104,10 +104,10 @@ fn simulate<S: Simd, const N: usize>(
         let each = estimators.iter_mut().zip(&mut marbles);
         for (i, (estimator, out)) in each.zip(out.chunks_mut(S::F64_LANES)).enumerate() {
             if let (Some(estimator), marbles) = estimator {
-                let Register {
-                    rims, actuation, ..
-                } = &registers[i];
-                estimator.correct(row, rims, marbles, &actuation.tilt, groups[i], out);
+                let register = &registers[i];
+                estimator.may_rest(|place| register.holds(place));
+                let (rims, tilt) = (&register.rims, &register.actuation.tilt);
+                estimator.correct(row, rims, marbles, tilt, groups[i], out);
             }
         }
         if row + 1 == first + setup.rows || setup.is_cancelled() {
@@ -325,6 +325,35 @@ impl<S: Simd> Register<S> {
             &self.actuation.tilt,
             group,
         )
+    }
+
+    /// Where friction holds marbles that are at rest at a place (m), as the board lies now.
+    fn holds(&self, [x, y]: Pair<S>) -> Mask<S> {
+        let zero = x.like(0.0);
+        let rest = Marbles {
+            x,
+            y,
+            vx: zero,
+            vy: zero,
+            sx: zero,
+            sy: zero,
+            spin: zero,
+            air: zero,
+        };
+        let mut push = self.actuation.push;
+        if !self.forces.is_empty() {
+            // Effects with a memory keep it.
+            let mut effects = self.forces.clone();
+            let simd = self.rims.reach_x.simd();
+            simd.vectorize(Acting {
+                effects: &mut effects,
+                tilt: &self.actuation.tilt,
+                marbles: &rest,
+                push: &mut push,
+            });
+        }
+        let next = substep(&self.rims, &rest, &push);
+        next.vx.abs().le(zero) & next.vy.abs().le(zero)
     }
 
     /// Writes the observations of camera and tilt sensor at the beginning of a row.

@@ -6,10 +6,12 @@
 //! lasting error b (board edges).
 
 mod covariance;
+mod rest;
 
 use pulp::{NullaryFnOnce, Simd};
 
 use self::covariance::{Covariance, Row, Sight, Variances};
+use self::rest::{Seen, Start, Stop};
 use super::LaneGroup;
 use crate::board::GRAVITY;
 use crate::correction::Correction;
@@ -41,6 +43,9 @@ pub(super) struct Estimator<S: Simd> {
     pull: Pair<S>,
     /// Whether the marbles' rest is certain while they rest: 1 or 0.
     known: Lanes<S>,
+    /// Where the marbles may have stopped while the means went on, or the other way around.
+    stop: Stop<S>,
+    start: Start<S>,
     /// The marbles' positions and velocities at the beginning of the row (m, m/s).
     place: Pair<S>,
     velocity: Pair<S>,
@@ -94,6 +99,8 @@ impl<S: Simd> Estimator<S> {
             lasting: [white.like(0.0); 2],
             pull: [white.like(0.0); 2],
             known: unknown.like(1.0) - unknown,
+            stop: Stop::none([marbles.x, marbles.y]),
+            start: Start::none([marbles.x, marbles.y]),
             place: [marbles.x, marbles.y],
             velocity: [marbles.vx, marbles.vy],
             tilt: *tilt,
@@ -109,6 +116,11 @@ impl<S: Simd> Estimator<S> {
             },
             row: None,
         })
+    }
+
+    /// Leaves out stops where friction does not hold a marble that is at rest at a place (m).
+    pub(super) fn may_rest(&mut self, holds: impl FnOnce(Pair<S>) -> Mask<S>) {
+        self.stop.may_last(holds);
     }
 
     /// Corrects the marbles by the observation of a row. `out` holds the predicted observation; the tracker's
@@ -165,6 +177,19 @@ impl<S: Simd> Estimator<S> {
         };
         self.row = Some(row);
         row
+    }
+
+    /// Marbles that are certainly at rest.
+    #[inline(always)]
+    fn resting(&mut self, marbles: &Marbles<S>) -> Mask<S> {
+        let still = marbles.vx.like(REST);
+        let rests = marbles.vx.abs().lt(still) & marbles.vy.abs().lt(still);
+        // After a release at an unknown velocity, rest is not certain before the marble has moved.
+        let [x, y] = self.velocity;
+        let moved = x.abs().ge(still) | y.abs().ge(still);
+        let rests = rests & (moved | self.known.gt(still.like(0.0)));
+        self.known = (rests | moved).select(still.like(1.0), self.known);
+        rests
     }
 
     /// Lets a row make the marbles uncertain: pushes, turns of the board, rests, and walls; returns with which probability
@@ -246,14 +271,9 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         let Row {
             remembered, kept, ..
         } = lasted;
-        let still = seconds.like(REST);
-        let rests = marbles.vx.abs().lt(still) & marbles.vy.abs().lt(still);
-        // After a release at an unknown velocity, rest is not certain before the marble has moved.
-        let [x, y] = estimator.velocity;
-        let moved = x.abs().ge(still) | y.abs().ge(still);
-        let rests = rests & (moved | estimator.known.gt(still.like(0.0)));
-        estimator.known = (rests | moved).select(still.like(1.0), estimator.known);
+        let rests = estimator.resting(marbles);
         let met = estimator.grow(&lasted, tilt, rims, rests);
+        estimator.start.advance(seconds);
         let places = [&mut marbles.x, &mut marbles.y];
         let velocities = [&mut marbles.vx, &mut marbles.vy];
         let spins = [&mut marbles.sx, &mut marbles.sy];
@@ -296,10 +316,19 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
             let before = *covariance;
             let (variance, gain, weight) =
                 covariance.update(off, edges_per_m, &estimator.variances);
+            let seen = Seen {
+                off,
+                variance,
+                predicted: *place + moved,
+                errors: before.bb + estimator.variances.white,
+                edges_per_m,
+            };
+            estimator.stop.compare(axis, &seen);
+            estimator.start.compare(axis, &seen);
             let one = weight.like(1.0);
             let went = [
                 estimator.variances.push * seconds,
-                rests.select(one, one.like(0.0)),
+                (rests | estimator.stop.found()).select(one, one.like(0.0)),
                 one - met[axis] * (one + rims.restitution),
                 edges_per_m,
             ];
@@ -318,6 +347,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
             write_prediction(out, at, predicted, variance, &is_start);
         }
         estimator.tilt = *tilt;
+        estimator.decide(marbles, rests, seconds);
     }
 }
 

@@ -123,6 +123,18 @@ impl<S: Simd> Covariance<S> {
         self.vb = rests.select(push.like(0.0), self.vb);
     }
 
+    /// Marbles whose place and velocity have these variances and covariance, and depend on nothing else.
+    #[inline(always)]
+    pub(super) fn place(&mut self, which: Mask<S>, [xx, xv, vv]: [Lanes<S>; 3]) {
+        let zero = xx.like(0.0);
+        self.xx = which.select(xx, self.xx);
+        self.xv = which.select(xv, self.xv);
+        self.vv = which.select(vv, self.vv);
+        for other in [&mut self.xa, &mut self.xb, &mut self.va, &mut self.vb] {
+            *other = which.select(zero, *other);
+        }
+    }
+
     /// Where an observation is less likely of a marble that went on than of one of unknown speed.
     #[inline(always)]
     pub(super) fn is_off(
@@ -290,7 +302,7 @@ impl<S: Simd> Covariance<S> {
 
 /// The square of the inverse density of Student's t at a distance, but for a constant.
 #[inline(always)]
-fn rarity<S: Simd>(off: Lanes<S>, variance: Lanes<S>) -> Lanes<S> {
+pub(super) fn rarity<S: Simd>(off: Lanes<S>, variance: Lanes<S>) -> Lanes<S> {
     let far = off.like(1.0) + (1.0 / TAIL) * (off * off).over(variance);
     variance * far * far * far * far * far
 }
