@@ -27,7 +27,9 @@ class Relevance:
 
     No engine reproduces a rig exactly at walls and close to rest, and in long recordings a small effect of
     the catalogue can describe the difference. Therefore a set keeps an effect only if its interval excludes
-    the neutral value, and if the held-out error increases without it by a share of the tracker's noise.
+    the neutral value, and if it is needed: the held-out error increases without it by a share of the
+    tracker's noise, or the held-out recordings are certainly likelier with it and it moves predictions by the
+    tracker's noise.
 
     Attributes
     ----------
@@ -97,6 +99,19 @@ class Relevance:
         windows = without.windowed - full.windowed
         return max(without.mae - full.mae, windows if np.isfinite(windows) else -np.inf)
 
+    def _is_needed(self, one: Scored, name: str) -> bool:
+        """Whether an effect matters to predictions of held-out recordings.
+
+        Delay jitter does not improve predictions, so only its likelihood counts. It must be finite: the
+        spread must be compatible with the mean, also for values from free runs.
+        """
+        if name == JITTER:
+            return math.isfinite(one.score)
+        noise, without = one.dataset.noise, self.without(one, name)
+        return self.loss(one, name) >= config.MATTERS * noise or (
+            self.validation.is_likelier(one, without) and self.validation.difference(one, without) >= noise
+        )
+
     def _is_probable(self, name: str) -> bool:
         """Whether an effect or one of its ties is probable enough to be named.
 
@@ -133,13 +148,7 @@ class Relevance:
         found, _ = self.parameters(one)
         losses = {name: self.loss(one, name) for name in one.effects}
         for name in sorted(losses, key=lambda name: losses[name]):
-            # Delay jitter does not improve predictions, so only its likelihood counts. It must be finite: the
-            # spread must be compatible with the mean, also for values from free runs.
-            if name == JITTER:
-                counts = math.isfinite(one.score)
-            else:
-                counts = losses[name] >= config.MATTERS * one.dataset.noise
-            matters = counts and intervals.is_named(name, found)
+            matters = self._is_needed(one, name) and intervals.is_named(name, found)
             if not (matters and self._is_probable(name)):
                 return name, matters
         return None

@@ -56,11 +56,14 @@ class HeldOut:
         All recordings in the order of the rig; a single recording is predicted by the fit to itself.
     scores : (folds,) array
         Log posterior of the set without each recording [nats]; NaN if values are from free runs.
+    fits : tuple of Scored
+        The set fitted without each recording.
     """
 
     values: Array
     runs: tuple[Held, ...]
     scores: Array
+    fits: tuple[Scored, ...]
 
     @property
     def is_proof(self) -> bool:
@@ -77,6 +80,23 @@ class HeldOut:
         """The same in windows of `config.HORIZON_S`, (r,); NaN if a recording is too short."""
         errors = [one.evaluation.windowed for one in self.runs]
         return np.array([np.nan if one is None else one.mae for one in errors])
+
+    @functools.cached_property
+    def likelihoods(self) -> Array:
+        """Log-likelihood of each recording by the filter with values fitted to the others [nats]."""
+        if not self.fits:
+            return np.zeros(0)
+        one = self.fits[0]
+        tops = [each.top for each in self.fits]
+        values, noise = (np.array([getattr(top, what) for top in tops]) for what in ("values", "noise"))
+        problem = Scores.of(one).problem(one.effects)
+        filtered = problem.filter(values, noise, [top.states for top in tops])
+        folds = np.unique(one.dataset.folds)
+        found = [
+            each.log_likelihood[one.dataset.run_folds == fold]
+            for each, fold in zip(filtered, folds, strict=True)
+        ]
+        return np.array([float(of_run.sum()) for of_run in found])
 
     @functools.cached_property
     def mae(self) -> float:
@@ -112,6 +132,28 @@ class Validation:
             _agree(other.errors - here.errors) or _agree(other.windowed_errors - here.windowed_errors)
         )
 
+    def is_likelier(self, one: Scored, than: Scored) -> bool:
+        """Whether held-out recordings are certainly likelier with a set than with another, and agree on it.
+
+        The filter corrects the marble in every row. Errors of windows contain those of their start states,
+        and those of free runs contain pushes that do not repeat: both can hide what the rows show.
+        """
+        here, other = (self.of(each.filtered or each).likelihoods for each in (one, than))
+        gains = here - other
+        return bool(gains.sum() > config.SURE) and _agree(gains)
+
+    def difference(self, one: Scored, other: Scored) -> float:
+        """Return the root mean square difference of two sets' predictions [board edges].
+
+        In windows of `config.HORIZON_S`, from equal start states; NaN if no recording is long enough.
+        """
+        pairs = zip(self.of(one).runs, self.of(other).runs, strict=True)
+        squares = np.concatenate(
+            [np.square(a.evaluation.windowed_prediction - b.evaluation.windowed_prediction) for a, b in pairs]
+        )
+        known = squares[np.isfinite(squares)]
+        return float(np.sqrt(known.mean())) if len(known) else math.nan
+
 
 def _agree(gains: Array) -> bool:
     """Whether the mean of gains is above zero, at a level of 5 %."""
@@ -125,14 +167,15 @@ def _held_out(one: Scored) -> HeldOut:
     folds = np.unique(dataset.folds)
     if len(folds) < 2:
         runs = tuple(_predicted(dataset, one.values, one.effects, each) for each in dataset.rig.recordings)
-        return HeldOut(np.zeros((0, len(one.names))), runs, np.zeros(0))
-    found = {int(fold): each for fold, each in zip(folds, _fitted_without(one, folds), strict=True)}
+        return HeldOut(np.zeros((0, len(one.names))), runs, np.zeros(0), ())
+    fits = tuple(_fitted_without(one, folds))
+    found = {int(fold): each for fold, each in zip(folds, fits, strict=True)}
     runs = tuple(
         _predicted(dataset, found.get(index, one).values, one.effects, recording)
         for index, recording in enumerate(dataset.rig.recordings)
     )
-    scores = [np.nan if one.is_free else each.score for each in found.values()]
-    return HeldOut(np.array([list(each.values.values()) for each in found.values()]), runs, np.array(scores))
+    scores = [np.nan if one.is_free else each.score for each in fits]
+    return HeldOut(np.array([list(each.values.values()) for each in fits]), runs, np.array(scores), fits)
 
 
 def _fitted_without(one: Scored, folds: NDArray[np.int64]) -> list[Scored]:

@@ -30,7 +30,7 @@ class Judged(Validation):
 
     def of(self, one):
         found = super().of(one)
-        return HeldOut(found.values, found.runs, np.array(self.scores[len(one.effects)]))
+        return HeldOut(found.values, found.runs, np.array(self.scores[len(one.effects)]), found.fits)
 
 
 def test_what_is_planted_is_chosen_without_any_one_recording(two):

@@ -80,3 +80,17 @@ def test_a_set_is_better_where_the_recordings_agree(plant):
     assert not validation.is_better(one, one)
     alone = fitted(plant([DRAG], runs=1, rows=60, stamped=True))
     assert not validation.is_better(alone, Scores(alone.dataset).base())
+
+
+def test_held_out_recordings_are_likelier_with_what_acts(plant):
+    one = fitted(plant([DRAG], runs=5, rows=110, stamped=True))
+    base = Scores(one.dataset).base()
+    validation = Validation()
+    assert validation.is_likelier(one, base)
+    assert not validation.is_likelier(base, one)
+    assert not validation.is_likelier(one, one)
+    assert validation.is_likelier(Scores.of(one).freed(one), base)
+    assert validation.difference(one, base) > one.dataset.noise
+    assert validation.difference(one, one) == 0.0
+    alone = fitted(plant([DRAG], runs=1, rows=60, stamped=True))
+    assert not validation.is_likelier(alone, Scores(alone.dataset).base())
