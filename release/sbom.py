@@ -72,7 +72,9 @@ def graph(product: Product, edges: str, targets: Iterable[str]) -> tuple[Crate, 
         features = ("--features", ",".join(product.features)) if product.features else ()
         # The bars separate what may hold blanks; a crate that was shown before has a star behind them.
         shown = subprocess.check_output(
-            ["cargo", "tree", *words, *features, "--prefix", "depth", "--format", " {p}|{l}|"], cwd=ROOT, text=True
+            ["cargo", "tree", *words, *features, "--prefix", "depth", "--format", " {p}|{l}|"],
+            cwd=ROOT,
+            text=True,
         )
         above: list[Crate] = []
         for line in shown.splitlines():

@@ -246,7 +246,7 @@ impl Shared {
             ),
             Late::Network(error) => {
                 eprintln!(
-                    "rig: a thread of the network library hangs: ended without it, and other nodes may list this one for a minute"
+                    "rig: the network could not be left: other nodes may list this one for a minute"
                 );
                 match error {
                     Some(error) => eprintln!("rig: {error}"),

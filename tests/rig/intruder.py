@@ -1,6 +1,6 @@
-"""A peer without a certificate that poses as tracker and arm, commands the arms, and presses and releases the e-stop.
+"""A peer without a certificate: it poses as tracker and arm, commands the arms, and uses the e-stop.
 
-``python intruder.py SECONDS`` prints with how many readers and writers of others its own have matched at most.
+``python intruder.py SECONDS`` prints how many readers and writers of others it has matched at most.
 """
 
 from __future__ import annotations

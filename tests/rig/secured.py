@@ -1,7 +1,7 @@
 """The rig beside its twin, and an intruder.
 
-``python secured.py FOLDER RIG KEYSTORE TWINS_KEYSTORE INTRUDE``, in its own namespace, prints the outcome as JSON; a
-keystore that is empty leaves DDS Security off.
+``python secured.py FOLDER RIG KEYSTORE TWINS_KEYSTORE INTRUDE``, in its own namespace, prints the outcome as
+JSON; a keystore that is empty leaves DDS Security off.
 """
 
 from __future__ import annotations
