@@ -27,6 +27,9 @@ const BAG_S: f64 = 10.0;
 /// Longest time for leaving the network (s): without a fault it takes some hundredths.
 const NETWORK_S: f64 = 3.0;
 
+/// The same for a program that holds too much memory (s): a thread that counts for ever takes up to 2 GB a second.
+const FULL_S: f64 = 0.3;
+
 /// What the arms were last commanded to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arms {
@@ -73,6 +76,18 @@ enum Late {
     Network(Option<String>),
 }
 
+/// What the watch sees in a period.
+#[derive(Debug, Clone, Copy)]
+struct Seen<'a> {
+    /// Ticks of the loop so far.
+    beats: u64,
+    /// Whether a signal has come.
+    asked: bool,
+    /// Whether the program holds too much memory.
+    full: bool,
+    phase: &'a Phase,
+}
+
 /// Counts of the watch: a process that is suspended does not count.
 #[derive(Debug, Default)]
 struct Counts {
@@ -85,14 +100,14 @@ struct Counts {
 
 impl Counts {
     /// One period of the watch: what has become too late, if anything.
-    fn next(&mut self, beats: u64, asked: bool, hold_s: f64, phase: &Phase) -> Option<Late> {
-        match phase {
+    fn next(&mut self, seen: Seen<'_>, hold_s: f64) -> Option<Late> {
+        match seen.phase {
             Phase::Loop => {
                 // Before the first tick peers and bag are being opened.
-                let stands = beats > 0 && beats == self.beats;
+                let stands = seen.beats > 0 && seen.beats == self.beats;
                 self.still = if stands { self.still + 1 } else { 0 };
-                self.beats = beats;
-                self.asked += u32::from(asked);
+                self.beats = seen.beats;
+                self.asked += u32::from(seen.asked);
                 if over(self.still, LOOP_S) {
                     return Some(Late::Tick);
                 }
@@ -104,7 +119,8 @@ impl Counts {
             }
             Phase::Network(error) => {
                 self.leaving += 1;
-                over(self.leaving, NETWORK_S).then(|| Late::Network(error.clone()))
+                let longest = if seen.full { FULL_S } else { NETWORK_S };
+                over(self.leaving, longest).then(|| Late::Network(error.clone()))
             }
         }
     }
@@ -132,7 +148,7 @@ pub struct Watch(Arc<Shared>);
 
 impl Watch {
     /// Watches from now on; `asked` becomes true with the first signal, after which a loop may repeat its stop for some
-    /// seconds. A program that holds more memory (MB) than this leaves the network at once.
+    /// seconds. A program that holds more memory (MB) than this has less time for leaving the network.
     ///
     /// # Errors
     /// [`Error::Refused`] if the system allows no further thread.
@@ -217,17 +233,13 @@ impl Shared {
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)
                 .clone();
-            let beats = self.beats.load(Ordering::Relaxed);
-            let asked = self.asked.load(Ordering::Relaxed);
-            let late = counts.next(beats, asked, self.hold_s, &phase);
-            let late = late.or_else(|| match phase {
-                // What fills the memory does not end by itself.
-                Phase::Network(error) if self.too_much_memory().is_some() => {
-                    Some(Late::Network(error))
-                }
-                _ => None,
-            });
-            if let Some(late) = late {
+            let seen = Seen {
+                beats: self.beats.load(Ordering::Relaxed),
+                asked: self.asked.load(Ordering::Relaxed),
+                full: self.too_much_memory().is_some(),
+                phase: &phase,
+            };
+            if let Some(late) = counts.next(seen, self.hold_s) {
                 self.end(&late);
             }
         }
@@ -273,11 +285,21 @@ mod tests {
     use super::*;
 
     /// Seconds until something is too late, and what, of a watch of at most a minute.
-    fn late_after(mut at: impl FnMut(u64) -> (u64, bool, Phase)) -> Option<(f64, Late)> {
+    fn late_after(at: impl FnMut(u64) -> (u64, bool, Phase)) -> Option<(f64, Late)> {
+        late_with(false, at)
+    }
+
+    fn late_with(full: bool, mut at: impl FnMut(u64) -> (u64, bool, Phase)) -> Option<(f64, Late)> {
         let mut counts = Counts::default();
         (1..=600_u32).find_map(|wake| {
             let (beats, asked, phase) = at(u64::from(wake));
-            let late = counts.next(beats, asked, 1.0, &phase)?;
+            let seen = Seen {
+                beats,
+                asked,
+                full,
+                phase: &phase,
+            };
+            let late = counts.next(seen, 1.0)?;
             Some((f64::from(wake) * WAKE_S, late))
         })
     }
@@ -323,6 +345,8 @@ mod tests {
         let (seconds, late) = late_after(|wake| (wake, true, phase(wake))).expect("it hangs");
         assert_eq!(late, Late::Network(Some("why".to_owned())));
         assert!((17.0..17.3).contains(&seconds), "{seconds}");
+        let (seconds, _) = late_with(true, |wake| (wake, true, phase(wake))).expect("it hangs");
+        assert!((14.2..14.5).contains(&seconds), "{seconds}");
         let (seconds, late) = late_after(|_| (1, true, Phase::Bag)).expect("it hangs");
         assert_eq!(late, Late::Bag);
         assert!((10.0..10.3).contains(&seconds), "{seconds}");

@@ -81,9 +81,8 @@ def rig_stalls(lab: Laboratory) -> None:
 
 
 def memory_is_full(lab: Laboratory) -> None:
-    """Send so much that 60 MB do not hold it: a rig at rest has 35 MB."""
     playing(lab)
-    words = ("joints 1MB", "10", f"{lab.rig.pid}")
+    words = ("fragments 32MB", "10", f"{lab.rig.pid}")
     lab.start(sys.executable, HERE / "attacks.py", *words)
 
 
@@ -224,7 +223,7 @@ FAULTS = {
     "loop hangs": Fault("the rig's loop never goes on", loop_hangs, abandoned="to move"),
     "network hangs": Fault("a thread of DDS never goes on", network_hangs, stop="joints_silent"),
     "memory": Fault(
-        "the rig holds more than it may", memory_is_full, stop="memory", config={"memory_mb": 60.0}
+        "packets announce 32 MB of data each", memory_is_full, stop="memory", config={"memory_mb": 100.0}
     ),
     "rig killed": Fault("kill -9 of the rig", rig_gets(signal.SIGKILL), killed=True),
     "e-stop pressed": Fault("the e-stop is true beforehand", e_stop_is_pressed, refusal="emergency stop"),
