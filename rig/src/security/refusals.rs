@@ -3,13 +3,23 @@
 use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 
-use log::{Level, LevelFilter, Log, Metadata, Record};
+use log::{LevelFilter, Log, Metadata, Record};
 
 /// Most refusals that are recorded: a flood of them must not fill the memory.
 const MOST: usize = 1000;
 
-/// What the library says of a refused peer without calling it a warning.
-const REFUSALS: [&str; 3] = ["not matching with it", "Rejecting", "Failed to validate"];
+/// The part of the library that decides who may take part.
+const DECIDES: &str = "rustdds::discovery::secure_discovery";
+
+/// What the library says of a refused peer (rustdds 0.15.1); its other warnings are also about peers that are let in.
+const REFUSALS: [&str; 6] = [
+    "not matching with it",
+    "Rejecting",
+    "Failed to validate the identity",
+    "handshake request failed",
+    "handshake reply message failed",
+    "final handshake message failed",
+];
 
 /// Refusals that are not recorded yet, and all that were ever seen.
 static REFUSED: Mutex<(Vec<String>, BTreeSet<String>)> = Mutex::new((Vec::new(), BTreeSet::new()));
@@ -37,8 +47,13 @@ impl Log for Listener {
     }
 
     fn log(&self, record: &Record<'_>) {
-        if is_refusal(record) {
-            let text = record.args().to_string();
+        let decides = record.target().starts_with(DECIDES);
+        let text = if decides {
+            record.args().to_string()
+        } else {
+            String::new()
+        };
+        if is_refusal(&text) {
             let mut refused = REFUSED.lock().unwrap_or_else(PoisonError::into_inner);
             if refused.1.len() < MOST && refused.1.insert(text.clone()) {
                 refused.0.push(text);
@@ -53,13 +68,22 @@ impl Log for Listener {
 }
 
 /// Whether the library says that somebody may not take part.
-fn is_refusal(record: &Record<'_>) -> bool {
-    if !record
-        .target()
-        .starts_with("rustdds::discovery::secure_discovery")
-    {
-        return false;
+fn is_refusal(text: &str) -> bool {
+    REFUSALS.iter().any(|words| text.contains(words))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_is_no_other_message_of_the_library() {
+        assert!(is_refusal(
+            "Remote participant has incompatible Security, not matching with it. Remote guid: GUID {}"
+        ));
+        assert!(!is_refusal(
+            "Failed to set remote writer GUID {} crypto tokens. Storing them & trying again later."
+        ));
+        assert!(!is_refusal(""));
     }
-    let text = record.args().to_string();
-    record.level() <= Level::Warn || REFUSALS.iter().any(|words| text.contains(words))
 }
