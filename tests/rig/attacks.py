@@ -18,7 +18,7 @@ from ros import Bool, Header, JointState, JointTrajectory, Peer, Point, PointSta
 OFTEN_HZ, LARGE_HZ, FRAGMENTS_HZ = 10_000.0, 200.0, 5.0
 MEGABYTE = 1 << 20
 #: Sizes of data that packets announce [bytes]; while 256 MB are filled, DDS does nothing else.
-ANNOUNCED = {"": 1 << 28, "32MB": 1 << 25}
+ANNOUNCED = {"": 1 << 28, "8MB": 1 << 23}
 
 Send = Callable[[], object]
 

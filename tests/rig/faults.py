@@ -81,9 +81,14 @@ def rig_stalls(lab: Laboratory) -> None:
 
 
 def memory_is_full(lab: Laboratory) -> None:
+    # An attacker takes a while to begin.
+    lab.write_commands(seconds=60.0)
     playing(lab)
-    words = ("fragments 32MB", "10", f"{lab.rig.pid}")
-    lab.start(sys.executable, HERE / "attacks.py", *words)
+    words = ("fragments 8MB", "30", f"{lab.rig.pid}")
+    attacker = lab.start(sys.executable, HERE / "attacks.py", *words)
+    assert attacker.stdout is not None
+    attacker.stdout.readline()
+    lab.injected = time.time()
 
 
 def loop_hangs(lab: Laboratory) -> None:
@@ -223,7 +228,7 @@ FAULTS = {
     "loop hangs": Fault("the rig's loop never goes on", loop_hangs, abandoned="to move"),
     "network hangs": Fault("a thread of DDS never goes on", network_hangs, stop="joints_silent"),
     "memory": Fault(
-        "packets announce 32 MB of data each", memory_is_full, stop="memory", config={"memory_mb": 100.0}
+        "packets announce 8 MB of data each", memory_is_full, stop="memory", config={"memory_mb": 100.0}
     ),
     "rig killed": Fault("kill -9 of the rig", rig_gets(signal.SIGKILL), killed=True),
     "e-stop pressed": Fault("the e-stop is true beforehand", e_stop_is_pressed, refusal="emergency stop"),
