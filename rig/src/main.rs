@@ -385,7 +385,9 @@ fn run_check(path: &Path) -> Result<()> {
     let outcome = check::table(&lines, |line| printed.push(line));
     let _ = station.base.close(&outcome);
     let _ = std::fs::remove_dir_all(&folder);
-    printed.iter().for_each(|line| say(line));
+    for line in &printed {
+        say(line);
+    }
     outcome
 }
 

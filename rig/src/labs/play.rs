@@ -311,12 +311,12 @@ impl Run {
     /// The error that ended the run, or that of the bag.
     pub fn finish(mut self, outcome: Result<()>) -> Result<Finished> {
         let now = self.base.clock.now();
-        if let Err(error) = self.devices.send([0.0; 2], now, &self.base) {
-            self.base
-                .event(Level::Error, "unsendable", &error.to_string());
-        }
-        if self.arm {
-            self.base.watch.command(Arms::AtRest);
+        match self.devices.send([0.0; 2], now, &self.base) {
+            Ok(()) if self.arm => self.base.watch.command(Arms::AtRest),
+            Ok(()) => (),
+            Err(error) => self
+                .base
+                .event(Level::Error, "unsendable", &error.to_string()),
         }
         let arms = self.base.watch.arms().words();
         match &outcome {
