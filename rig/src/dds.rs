@@ -14,7 +14,7 @@ use crate::clock::Clock;
 use crate::config::{Network, Reliability, Services};
 use crate::error::{Error, Result};
 use crate::messages::{Message, TriggerRequest, TriggerResponse};
-use crate::security::Protection;
+use crate::security::{Protection, protected};
 use crate::watch::Moment;
 
 /// Queue length of a subscription: one second at a kilohertz.
@@ -90,8 +90,7 @@ impl Link {
         let protection = Protection::of_environment(name)?;
         let builder = DomainParticipantBuilder::new(network.domain)
             .with_only_networks(network.interfaces.iter().copied());
-        let participant = protection
-            .apply(builder)
+        let participant = protected(builder, &protection)
             .build()
             .map_err(|error| broken(&format!("DDS cannot start on {}", shown()), &error))?;
         let context = Context::from_domain_participant(participant.clone())

@@ -98,24 +98,27 @@ impl Protection {
             None => Ok(folder),
         }
     }
+}
 
-    /// A participant with these rules.
-    #[cfg(feature = "security")]
-    pub fn apply(&self, builder: DomainParticipantBuilder) -> DomainParticipantBuilder {
-        use ros2_client::dds::rustdds::DomainParticipantSecurityConfigFiles;
-        match self {
-            Self::Off(_) => builder,
-            Self::Enclave(folder) => builder.builtin_security(
-                DomainParticipantSecurityConfigFiles::with_ros_default_names(folder, String::new()),
-            ),
-        }
+/// A participant under these rules.
+#[cfg(feature = "security")]
+pub fn protected(
+    builder: DomainParticipantBuilder,
+    protection: &Protection,
+) -> DomainParticipantBuilder {
+    use ros2_client::dds::rustdds::DomainParticipantSecurityConfigFiles;
+    match protection {
+        Protection::Off(_) => builder,
+        Protection::Enclave(folder) => builder.builtin_security(
+            DomainParticipantSecurityConfigFiles::with_ros_default_names(folder, String::new()),
+        ),
     }
+}
 
-    /// A participant without rules: there are none in this build.
-    #[cfg(not(feature = "security"))]
-    pub fn apply(&self, builder: DomainParticipantBuilder) -> DomainParticipantBuilder {
-        builder
-    }
+/// A participant without rules: there are none in this build.
+#[cfg(not(feature = "security"))]
+pub fn protected(builder: DomainParticipantBuilder, _: &Protection) -> DomainParticipantBuilder {
+    builder
 }
 
 /// The first rule of a governance document that lets in who has no certificate.
