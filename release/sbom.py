@@ -32,11 +32,17 @@ class Product:
     crate: str
     kind: str
     path: Path
+    features: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        return self.path.name.removesuffix(".cdx.json")
 
 
 PRODUCTS = (
     Product("labsim-py", "library", ROOT / "crates" / "labsim-py" / "labsim-py.cdx.json"),
     Product("rig", "application", ROOT / "rig" / "rig.cdx.json"),
+    Product("rig", "application", ROOT / "rig" / "rig-security.cdx.json", ("security",)),
 )
 
 
@@ -57,15 +63,18 @@ class Crate:
 Graph = dict[Crate, set[Crate]]
 
 
-def graph(crate: str, edges: str, targets: Iterable[str]) -> tuple[Crate, Graph]:
-    """Return a crate and its dependencies of some kinds, on all of these systems."""
+def graph(product: Product, edges: str, targets: Iterable[str]) -> tuple[Crate, Graph]:
+    """Return the crate of a product and its dependencies of some kinds, on all of these systems."""
     found: Graph = {}
     root = None
     for target in targets:
-        words = ("--locked", "--offline", "--package", crate, "--edges", edges, "--target", target)
+        words = ("--locked", "--offline", "--package", product.crate, "--edges", edges, "--target", target)
+        features = ("--features", ",".join(product.features)) if product.features else ()
         # The bars separate what may hold blanks; a crate that was shown before has a star behind them.
         shown = subprocess.check_output(
-            ["cargo", "tree", *words, "--prefix", "depth", "--format", " {p}|{l}|"], cwd=ROOT, text=True
+            ["cargo", "tree", *words, *features, "--prefix", "depth", "--format", " {p}|{l}|"],
+            cwd=ROOT,
+            text=True,
         )
         above: list[Crate] = []
         for line in shown.splitlines():
@@ -99,8 +108,8 @@ def bill(product: Product) -> dict[str, Any]:
     targets = policy["graph"]["targets"]
     locked = tomllib.loads((ROOT / "Cargo.lock").read_text(encoding="utf-8"))["package"]
     checksums = {(one["name"], one["version"]): one.get("checksum") for one in locked}
-    root, everything = graph(product.crate, "normal,build", targets)
-    inside = built_in(root, graph(product.crate, "normal", targets)[1])
+    root, everything = graph(product, "normal,build", targets)
+    inside = built_in(root, graph(product, "normal", targets)[1])
 
     def component(one: Crate) -> dict[str, Any]:
         said: dict[str, Any] = {

@@ -6,24 +6,15 @@ use std::path::Path;
 use crate::clock::{Clock, Ticker};
 use crate::config::{Network, Reliability, Safety};
 use crate::dds::{Inbox, Link, Trigger};
+use crate::ending::Watch;
 use crate::error::Result;
-use crate::memory::resident_mb;
-use crate::messages::{Bool, Log, Time};
-use crate::recorder::{Attached, Channel, Recorder, fresh};
+use crate::events::{Events, Level};
+use crate::messages::Bool;
+use crate::recorder::{Attached, Channel, Recorder, Written, fresh};
 use crate::safety::Reason;
+use crate::security::{Protection, refusals};
 use crate::signals::Signals;
 use crate::watch::Moment;
-
-/// Severity of an event.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Level {
-    /// It went as it should.
-    Info = 20,
-    /// It may not be as it should.
-    Warn = 30,
-    /// It did not.
-    Error = 40,
-}
 
 /// Clocks, network, bag and stops.
 pub struct Base {
@@ -37,9 +28,10 @@ pub struct Base {
     pub recorder: Recorder,
     e_stop: (Inbox<Bool>, Channel),
     stop: (Trigger, String),
+    /// The watch over the end of the program.
+    pub watch: Watch,
     signals: Signals,
-    memory_mb: f64,
-    events: Channel,
+    events: Events,
 }
 
 impl Base {
@@ -55,6 +47,7 @@ impl Base {
         facts: &[(&str, String)],
     ) -> Result<Self> {
         let signals = Signals::register()?;
+        let watch = Watch::start(signals.any(), safety.hold_s, safety.memory_mb)?;
         let mut link = Link::open(network, "rig")?;
         let mut all: BTreeMap<String, String> = facts
             .iter()
@@ -62,30 +55,33 @@ impl Base {
             .collect();
         all.insert("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned());
         let mut recorder = Recorder::create(&fresh(folder, name)?, config, all)?;
-        let e_stop = link.subscribe(&safety.e_stop, Reliability::BestEffort)?;
         let clock = Clock::new();
+        let events = Events::open(&mut recorder, clock);
+        watch.record_in(&events);
+        let e_stop = link.subscribe(&safety.e_stop, Reliability::BestEffort)?;
         let base = Self {
             e_stop: (e_stop, recorder.channel::<Bool>(&safety.e_stop)),
             stop: (
                 link.serve(&safety.stop_service)?,
                 safety.stop_service.clone(),
             ),
+            watch,
             signals,
-            memory_mb: safety.memory_mb,
-            events: recorder.channel::<Log>("/rig/events"),
+            events,
             ticker: Ticker::new(clock),
             clock,
             link,
             recorder,
         };
-        let warning = unauthenticated(network);
-        crate::say(&warning);
-        base.event(Level::Warn, "unauthenticated", &warning);
+        let (level, code, what) = protection(network, &base.link.protection);
+        crate::say(&what);
+        base.event(level, code, &what);
         Ok(base)
     }
 
     /// All reasons to stop that come from people, from the system or from the bag.
     pub fn stops(&mut self, now: Moment) -> Vec<Reason> {
+        self.watch.beat();
         let mut reasons = Vec::new();
         let (inbox, channel) = &self.e_stop;
         let recorder = &self.recorder;
@@ -101,31 +97,51 @@ impl Base {
         reasons.extend(self.signals.caught().map(Reason::Signal));
         reasons.extend(self.ticker.stepped(now).map(Reason::ClockStepped));
         reasons.extend(self.recorder.failure().map(Reason::Recorder));
-        let memory = resident_mb().filter(|&held| held > self.memory_mb);
-        reasons.extend(memory.map(Reason::Memory));
+        reasons.extend(self.watch.too_much_memory().map(Reason::Memory));
+        for refusal in refusals() {
+            self.event(Level::Warn, "refused_peer", &refusal);
+        }
         reasons
     }
 
     /// Records an event.
     pub fn event(&self, level: Level, code: &str, message: &str) {
-        let now = self.clock.now().nanos;
-        let log = Log {
-            stamp: Time::from_nanos(now),
-            level: level as u8,
-            name: "rig".to_owned(),
-            msg: message.to_owned(),
-            function: code.to_owned(),
-            ..Log::default()
-        };
-        self.recorder.record(self.events, now, now, &log);
+        self.events.note(level, code, message);
+    }
+
+    /// Closes the bag of a run with this outcome. From here on the process ends within seconds, even if the network cannot be
+    /// left.
+    ///
+    /// # Errors
+    /// [`Error::Refused`](crate::error::Error::Refused) if something of the bag is lost.
+    pub fn close(&mut self, outcome: &Result<()>) -> Result<Written> {
+        self.watch.closes();
+        let written = self.recorder.finish();
+        let error = outcome.as_ref().err().or(written.as_ref().err());
+        self.watch.leaves(error);
+        written
     }
 }
 
-/// Warning about a network on which anybody may take part: DDS does not authenticate anyone here.
-fn unauthenticated(network: &Network) -> String {
+/// Who may take part in a run, as an event.
+fn protection(network: &Network, protection: &Protection) -> (Level, &'static str, String) {
     let addresses: Vec<String> = network.interfaces.iter().map(ToString::to_string).collect();
-    format!(
-        "no peer is authenticated: every program that reaches {} can pose as tracker or arms, and can stop a run",
-        addresses.join(", ")
-    )
+    match protection {
+        Protection::Off(why) => (
+            Level::Warn,
+            "unauthenticated",
+            format!(
+                "no peer is authenticated: every program that reaches {} can pose as tracker or arms, can command the arms itself, and can stop a run ({why})",
+                addresses.join(", ")
+            ),
+        ),
+        Protection::Enclave(folder) => (
+            Level::Info,
+            "authenticated",
+            format!(
+                "peers are authenticated by {}: nobody else takes part",
+                folder.display()
+            ),
+        ),
+    }
 }

@@ -14,6 +14,7 @@ use crate::clock::Clock;
 use crate::config::{Network, Reliability, Services};
 use crate::error::{Error, Result};
 use crate::messages::{Message, TriggerRequest, TriggerResponse};
+use crate::security::{Protection, protected};
 use crate::watch::Moment;
 
 /// Queue length of a subscription: one second at a kilohertz.
@@ -22,6 +23,8 @@ const KEPT: usize = 1000;
 /// A node on the network.
 pub struct Link {
     participant: DomainParticipant,
+    /// Who may take part.
+    pub protection: Protection,
     node: Node,
     services: Services,
 }
@@ -84,8 +87,10 @@ impl Link {
                 there.join(", ")
             )));
         }
-        let participant = DomainParticipantBuilder::new(network.domain)
-            .with_only_networks(network.interfaces.iter().copied())
+        let protection = Protection::of_environment(name)?;
+        let builder = DomainParticipantBuilder::new(network.domain)
+            .with_only_networks(network.interfaces.iter().copied());
+        let participant = protected(builder, &protection)
             .build()
             .map_err(|error| broken(&format!("DDS cannot start on {}", shown()), &error))?;
         let context = Context::from_domain_participant(participant.clone())
@@ -106,6 +111,7 @@ impl Link {
             .map_err(|error| broken("the node cannot start", &error))?;
         Ok(Self {
             participant,
+            protection,
             node,
             services: network.services,
         })

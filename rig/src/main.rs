@@ -12,7 +12,9 @@ mod clock;
 mod commands;
 mod config;
 mod dds;
+mod ending;
 mod error;
+mod events;
 #[cfg(test)]
 mod exploration;
 mod frames;
@@ -28,6 +30,7 @@ mod motion;
 mod recorder;
 mod recover;
 mod safety;
+mod security;
 mod signals;
 mod station;
 mod twin;
@@ -39,10 +42,10 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::base::Level;
 use crate::commands::Commands;
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::events::Level;
 use crate::labs::Lab;
 use crate::labs::config::{LabConfig, Setup, TwinConfig};
 use crate::labs::play::{Mode, Run};
@@ -158,7 +161,7 @@ enum Verb {
 }
 
 fn main() -> ExitCode {
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("off")).init();
+    security::start_log(env_logger::Env::default().default_filter_or("off"));
     match run(Cli::parse().verb) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -207,7 +210,12 @@ fn run(verb: Verb) -> Result<()> {
             seconds,
         } => run_twin(&configured.config, &model, lab, seed, seconds),
         Verb::Sbom => {
-            say(include_str!("../rig.cdx.json").trim_end());
+            let bill = if cfg!(feature = "security") {
+                include_str!("../rig-security.cdx.json")
+            } else {
+                include_str!("../rig.cdx.json")
+            };
+            say(bill.trim_end());
             Ok(())
         }
         Verb::Recover { bag, out } => {
@@ -255,13 +263,15 @@ fn finished(
 
 fn finished_lab(run: Run, outcome: Result<()>) -> Result<()> {
     let path = run.base.recorder.path().to_owned();
-    let (written, states, (ticks, late, worst)) = run.finish(outcome).inspect_err(|_| {
+    let finished = run.finish(outcome).inspect_err(|_| {
         eprintln!("rig: what happened is in {}", path.display());
     })?;
+    let (ticks, late, worst) = finished.loop_ticks;
     say(&format!(
-        "{}: {} messages, {states} states; {late} of {ticks} ticks more than 2 ms late, the worst {:.1} ms",
+        "{}: {} messages, {} states; {late} of {ticks} ticks more than 2 ms late, the worst {:.1} ms",
         path.display(),
-        written.messages,
+        finished.written.messages,
+        finished.states,
         1e3 * worst,
     ));
     Ok(())
@@ -371,9 +381,14 @@ fn run_check(path: &Path) -> Result<()> {
     let folder = std::env::temp_dir().join(format!("rig-check-{}", std::process::id()));
     let mut station = Station::open(&config, &text, &folder, "check", &[])?;
     let lines = check::lines(&mut station);
-    let _ = station.base.recorder.finish();
+    let mut printed = Vec::new();
+    let outcome = check::table(&lines, |line| printed.push(line));
+    let _ = station.base.close(&outcome);
     let _ = std::fs::remove_dir_all(&folder);
-    check::table(&lines, |line| say(&line))
+    for line in &printed {
+        say(line);
+    }
+    outcome
 }
 
 fn run_listen(config: &Config, text: &str, out: &Path, seconds: Option<f64>) -> Result<()> {
@@ -404,13 +419,15 @@ fn run_listen(config: &Config, text: &str, out: &Path, seconds: Option<f64>) -> 
             break Ok(());
         }
     };
-    station.base.event(Level::Info, "end", "");
+    station
+        .base
+        .event(Level::Info, "end", station.base.watch.arms().words());
     let (points, x, y) = (
         station.marble.tally.came,
         station.joints[0].tally.came,
         station.joints[1].tally.came,
     );
-    let written = station.base.recorder.finish();
+    let written = station.base.close(&ended);
     ended?;
     say(&format!(
         "{}: {} messages; {points} points, {x} and {y} joint states",

@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use crate::backend::{Backend, command_topic};
-use crate::base::Level;
 use crate::clock::Ticker;
 use crate::commands::Commands;
 use crate::config::{Config, TICK_S};
 use crate::dds::Caller;
+use crate::ending::Arms;
 use crate::error::{Error, Result};
+use crate::events::Level;
 use crate::recorder::Written;
 use crate::safety::{Event, Inputs, Reason, Safety, SetPoint, State};
 use crate::station::Station;
@@ -93,8 +94,9 @@ impl Motion {
                 .station
                 .base
                 .event(Level::Error, "refused", &error.to_string());
-            let _ = motion.station.base.recorder.finish();
-            return Err(error);
+            let refused = Err(error);
+            let _ = motion.station.base.close(&refused);
+            return refused.map(|()| motion);
         }
         Ok(motion)
     }
@@ -218,6 +220,12 @@ impl Motion {
     fn send(&mut self, points: [SetPoint; 2], stopped: bool, now: Moment) {
         let with_bounds = [0, 1].map(|axis| (points[axis], self.safety.bounds(axis)));
         if let Some(backend) = &mut self.backend {
+            // Arms that are held are corrected by small rates; after a stop these have to end, too.
+            let rests = points
+                .iter()
+                .all(|point| point.velocity == 0.0 && (!stopped || point.is_at_rest()));
+            let arms = if rests { Arms::AtRest } else { Arms::Moving };
+            self.station.base.watch.command(arms);
             let sent = backend.send(with_bounds, stopped, now, &self.station.base.recorder);
             if let Err(error) = sent {
                 let _ = self
@@ -342,12 +350,13 @@ impl Motion {
     ///
     /// # Errors
     /// The error that ended the motion, or that of the bag.
-    pub fn finish(mut self, outcome: Result<()>) -> Result<Summary> {
+    pub fn finish(&mut self, outcome: Result<()>) -> Result<Summary> {
         let _ = self.safety.handle(Event::Disarm);
         let ticker = &self.station.base.ticker;
         let loop_ticks = (ticker.ticks, ticker.late, ticker.worst_s);
         let text = format!(
-            "{} ticks, {} more than 2 ms late, the worst {:.1} ms; points {} ({} refused), joint states {} and {}",
+            "{}; {} ticks, {} more than 2 ms late, the worst {:.1} ms; points {} ({} refused), joint states {} and {}",
+            self.station.base.watch.arms().words(),
             loop_ticks.0,
             loop_ticks.1,
             1e3 * loop_ticks.2,
@@ -363,7 +372,7 @@ impl Motion {
                 .base
                 .event(Level::Error, "end", &format!("{error}; {text}")),
         }
-        let written = self.station.base.recorder.finish();
+        let written = self.station.base.close(&outcome);
         outcome?;
         Ok(Summary {
             written: written?,

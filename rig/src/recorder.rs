@@ -39,6 +39,15 @@ enum Item {
     },
     #[cfg(test)]
     Flush(SyncSender<()>),
+    /// The end of the bag; whoever waits for it gets word.
+    End(Option<SyncSender<()>>),
+}
+
+/// The way into the bag, for any thread.
+#[derive(Clone)]
+pub struct Queue {
+    sender: SyncSender<Item>,
+    lost: Arc<AtomicU64>,
 }
 
 /// Result of a recording.
@@ -64,10 +73,9 @@ impl Written {
 /// The loop's end of the recording.
 pub struct Recorder {
     path: PathBuf,
-    sender: Option<SyncSender<Item>>,
+    queue: Queue,
     thread: Option<JoinHandle<Result<Written>>>,
     failed: Arc<Mutex<Option<String>>>,
-    lost: AtomicU64,
     channels: BTreeMap<String, u16>,
 }
 
@@ -124,10 +132,12 @@ impl Recorder {
             .map_err(|error| cannot(&error))?;
         Ok(Self {
             path: path.to_owned(),
-            sender: Some(sender),
+            queue: Queue {
+                sender,
+                lost: Arc::new(AtomicU64::new(0)),
+            },
             thread: Some(thread),
             failed,
-            lost: AtomicU64::new(0),
             channels: BTreeMap::new(),
         })
     }
@@ -142,7 +152,7 @@ impl Recorder {
         let next = self.channels.len() as u16 + 1;
         let id = *self.channels.entry(topic.to_owned()).or_insert(next);
         if id == next {
-            self.send(Item::Channel {
+            self.queue.send(Item::Channel {
                 id,
                 topic: topic.to_owned(),
                 kind: M::type_name(),
@@ -152,7 +162,70 @@ impl Recorder {
         Channel(id)
     }
 
+    /// The way into the bag, for another thread.
+    pub fn queue(&self) -> Queue {
+        self.queue.clone()
+    }
+
     /// Queues a message with the times (ns since 1970) of receipt or sending and of publication.
+    pub fn record<M: Message>(
+        &self,
+        channel: Channel,
+        log_nanos: i64,
+        publish_nanos: i64,
+        message: &M,
+    ) {
+        self.queue
+            .record(channel, log_nanos, publish_nanos, message);
+    }
+
+    /// The writing thread's error, if any.
+    pub fn failure(&self) -> Option<String> {
+        let failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
+        let lost = self.queue.lost.load(Ordering::Relaxed);
+        failed
+            .clone()
+            .or_else(|| (lost > 0).then(|| format!("{lost} messages were lost")))
+    }
+
+    /// Flushes all queued messages to the disk and waits for it.
+    #[cfg(test)]
+    pub fn flush(&self) {
+        let (done, wait) = sync_channel(1);
+        self.queue.send(Item::Flush(done));
+        let _ = wait.recv_timeout(Duration::from_secs(1));
+    }
+
+    /// Ends the bag.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] if something of it is lost.
+    pub fn finish(&mut self) -> Result<Written> {
+        // A full queue is waited for; a thread that has failed takes nothing more.
+        let _ = self.queue.sender.send(Item::End(None));
+        let shown = self.path.display().to_string();
+        let written = match self.thread.take().map(JoinHandle::join) {
+            Some(Ok(written)) => written,
+            _ => Err(Error::refused("the recorder's thread is gone")),
+        };
+        match (written, self.failure()) {
+            (Ok(written), None) => Ok(written),
+            (Err(error), _) => Err(Error::refused(format!("{shown}: {error}"))),
+            (_, Some(failure)) => Err(Error::refused(format!("{shown}: {failure}"))),
+        }
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        if self.thread.is_some() {
+            self.queue.send(Item::End(None));
+        }
+    }
+}
+
+impl Queue {
+    /// Queues a message, as [`Recorder::record`] does.
     pub fn record<M: Message>(
         &self,
         channel: Channel,
@@ -175,46 +248,19 @@ impl Recorder {
     }
 
     fn send(&self, item: Item) {
-        let Some(sender) = &self.sender else { return };
         // The loop never waits for the disk.
-        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = sender.try_send(item) {
+        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) =
+            self.sender.try_send(item)
+        {
             self.lost.fetch_add(1, Ordering::Relaxed);
         }
     }
 
-    /// The writing thread's error, if any.
-    pub fn failure(&self) -> Option<String> {
-        let failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
-        let lost = self.lost.load(Ordering::Relaxed);
-        failed
-            .clone()
-            .or_else(|| (lost > 0).then(|| format!("{lost} messages were lost")))
-    }
-
-    /// Flushes all queued messages to the disk and waits for it.
-    #[cfg(test)]
-    pub fn flush(&self) {
+    /// Ends the bag after all that is queued, and waits for it no longer than this.
+    pub fn end_within(&self, longest: Duration) {
         let (done, wait) = sync_channel(1);
-        self.send(Item::Flush(done));
-        let _ = wait.recv_timeout(Duration::from_secs(1));
-    }
-
-    /// Ends the bag.
-    ///
-    /// # Errors
-    /// [`Error::Refused`] if something of it is lost.
-    pub fn finish(mut self) -> Result<Written> {
-        self.sender = None;
-        let shown = self.path.display().to_string();
-        let written = match self.thread.take().map(JoinHandle::join) {
-            Some(Ok(written)) => written,
-            _ => Err(Error::refused("the recorder's thread is gone")),
-        };
-        match (written, self.failure()) {
-            (Ok(written), None) => Ok(written),
-            (Err(error), _) => Err(Error::refused(format!("{shown}: {error}"))),
-            (_, Some(failure)) => Err(Error::refused(format!("{shown}: {failure}"))),
-        }
+        self.send(Item::End(Some(done)));
+        let _ = wait.recv_timeout(longest);
     }
 }
 
@@ -258,21 +304,25 @@ pub fn writer(file: File) -> mcap::McapResult<Writer<BufWriter<File>>> {
         .create(BufWriter::new(file))
 }
 
-/// Writes until the loop drops its end of the queue, or a write fails.
+/// Writes until the end of the bag, or until a write fails.
 fn write(
     mut writer: Writer<BufWriter<File>>,
     receiver: &Receiver<Item>,
 ) -> mcap::McapResult<Written> {
-    let written = take(&mut writer, receiver)?;
+    let (written, waits) = take(&mut writer, receiver)?;
     writer.finish()?;
+    if let Some(waits) = waits {
+        let _ = waits.send(());
+    }
     Ok(written)
 }
 
 fn take(
     writer: &mut Writer<BufWriter<File>>,
     receiver: &Receiver<Item>,
-) -> mcap::McapResult<Written> {
+) -> mcap::McapResult<(Written, Option<SyncSender<()>>)> {
     let mut written = Written::default();
+    let mut waits = None;
     let mut channels = BTreeMap::new();
     let mut sequences: BTreeMap<u16, u32> = BTreeMap::new();
     let mut flushed = Instant::now();
@@ -319,6 +369,10 @@ fn take(
                 let _ = done.send(());
             }
             Err(RecvTimeoutError::Timeout) => (),
+            Ok(Item::End(word)) => {
+                waits = word;
+                break;
+            }
             Err(RecvTimeoutError::Disconnected) => break,
         }
         if flushed.elapsed() >= FLUSH {
@@ -327,7 +381,7 @@ fn take(
         }
     }
     written.latencies_us.sort_unstable();
-    Ok(written)
+    Ok((written, waits))
 }
 
 /// An unused path in a folder: `name.mcap`, `name-2.mcap`, and so on.

@@ -17,6 +17,8 @@ from ros import Bool, Header, JointState, JointTrajectory, Peer, Point, PointSta
 #: Messages and packets a second, those of a megabyte, and packets that announce large data.
 OFTEN_HZ, LARGE_HZ, FRAGMENTS_HZ = 10_000.0, 200.0, 5.0
 MEGABYTE = 1 << 20
+#: Sizes of data that packets announce [bytes]; while 256 MB are filled, DDS does nothing else.
+ANNOUNCED = {"": 1 << 28, "8MB": 1 << 23}
 
 Send = Callable[[], object]
 
@@ -56,7 +58,7 @@ def commands(size: int) -> Send:
     return lambda: writer.write(JointTrajectory(Header(stamp(), ""), ["left_wrist"], [point]))
 
 
-def packets(kind: str, process: int) -> Send:
+def packets(kind: str, process: int, announced: int) -> Send:
     """Return a function that sends a broken packet to one of the ports of a rig."""
     # A further participant makes all others announce themselves.
     participant = Peer()
@@ -76,7 +78,7 @@ def packets(kind: str, process: int) -> Send:
             "noise": lambda: random.randbytes(random.randrange(1500)),
             "changed": lambda: changed(known, random),
             "lies": lambda: lie(writer, random),
-            "fragments": lambda: large_fragment(writer, number),
+            "fragments": lambda: large_fragment(writer, number, announced),
         }[kind]()
         port = random.choice(ports)
         # The first two ports belong to all participants of the machine.
@@ -97,7 +99,7 @@ def main(attack: str, seconds: float, process: int) -> None:
         send = FLOODS[name](MEGABYTE if size else 0)
         time.sleep(1.0)  # until it is matched
     else:
-        send = packets(name, process)
+        send = packets(name, process, ANNOUNCED[size])
     hz = FRAGMENTS_HZ if name == "fragments" else LARGE_HZ if size else OFTEN_HZ
     print("begins", flush=True)
     print(repeat(send, hz, seconds), flush=True)

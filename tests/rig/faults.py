@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from freeze import freeze, thread_of
 from laboratory import HERE, Fault, Inject, Laboratory, run
 
 
@@ -77,6 +78,27 @@ def rig_stalls(lab: Laboratory) -> None:
     lab.rig.send_signal(signal.SIGSTOP)
     time.sleep(0.3)
     lab.rig.send_signal(signal.SIGCONT)
+
+
+def memory_is_full(lab: Laboratory) -> None:
+    # An attacker takes a while to begin.
+    lab.write_commands(seconds=60.0)
+    playing(lab)
+    words = ("fragments 8MB", "30", f"{lab.rig.pid}")
+    attacker = lab.start(sys.executable, HERE / "attacks.py", *words)
+    assert attacker.stdout is not None
+    attacker.stdout.readline()
+    lab.injected = time.time()
+
+
+def loop_hangs(lab: Laboratory) -> None:
+    playing(lab)
+    freeze(lab.rig.pid, lab.rig.pid)
+
+
+def network_hangs(lab: Laboratory) -> None:
+    playing(lab)
+    freeze(lab.rig.pid, thread_of(lab.rig.pid, "RustDDS Partici"))
 
 
 def interface_goes(lab: Laboratory) -> None:
@@ -202,6 +224,11 @@ FAULTS = {
     "stop service": Fault("the stop service is called", stop_service, stop="emergency_stop"),
     "rig stalled": Fault(
         "SIGSTOP of the rig for 0.3 s", rig_stalls, stop="overrun", config={"overrun_s": 0.15}
+    ),
+    "loop hangs": Fault("the rig's loop never goes on", loop_hangs, abandoned="to move"),
+    "network hangs": Fault("a thread of DDS never goes on", network_hangs, stop="joints_silent"),
+    "memory": Fault(
+        "packets announce 8 MB of data each", memory_is_full, stop="memory", config={"memory_mb": 100.0}
     ),
     "rig killed": Fault("kill -9 of the rig", rig_gets(signal.SIGKILL), killed=True),
     "e-stop pressed": Fault("the e-stop is true beforehand", e_stop_is_pressed, refusal="emergency stop"),

@@ -164,6 +164,8 @@ class Fault:
     stop: str = ""
     refusal: str = ""
     killed: bool = False
+    #: What the last command was, of a rig whose loop does not go on.
+    abandoned: str = ""
     config: dict[str, Any] = field(default_factory=dict)
 
 

@@ -139,9 +139,9 @@ def lie(writer: Writer, random: Random) -> bytes:
     return _packet(writer.prefix, *random.sample((info, *kinds), random.randrange(1, 4)))
 
 
-def large_fragment(writer: Writer, ahead: int) -> bytes:
-    """Return the first fragment of data of 256 MB."""
-    fragment = struct.pack("<IHHI", 1, 1, 65_535, 2**28)
+def large_fragment(writer: Writer, ahead: int, size: int = 2**28) -> bytes:
+    """Return the first fragment of data of this size [bytes]."""
+    fragment = struct.pack("<IHHI", 1, 1, 65_535, size)
     ends = writer.reader + writer.entity
     return _packet(
         writer.prefix, (0x16, 0, b"\0\0\x1c\0" + ends + _number(writer.number + ahead) + fragment + bytes(64))

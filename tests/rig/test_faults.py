@@ -39,6 +39,15 @@ def wrong(fault: Fault, found: dict[str, Any]) -> list[str]:
         checks["all but the last second is in the bag"] = (
             found.get("last", 0.0) > found.get("injected", 1e12) - 1.0
         )
+    elif fault.abandoned:
+        checks |= {
+            "it ends": found.get("status") == 1,
+            "in one line": len(found.get("err", "").splitlines()) == 1,
+            f"with the last command: {found.get('err')}": f"the last command was {fault.abandoned}"
+            in found.get("err", ""),
+            "it is in the bag": "abandoned" in found.get("codes", []),
+            f"the bag is closed: {found.get('bag')}": "was whole" in found.get("bag", ""),
+        }
     elif fault.refusal:
         checks |= {
             "it is refused": found.get("status") == 1,

@@ -17,7 +17,7 @@ from sbom import PRODUCTS, ROOT, Crate, Product, built_in
 
 #: A panic names its file, and files of crates lie in a folder with their name and version.
 _PLACE = re.compile(rb"/registry/src/[^/]+/([a-zA-Z0-9_-]+?)-(\d+\.\d+\.\d+[a-z0-9.+-]*)/")
-products = pytest.mark.parametrize("product", PRODUCTS, ids=lambda product: product.crate)
+products = pytest.mark.parametrize("product", PRODUCTS, ids=lambda product: product.name)
 
 
 @products
@@ -57,10 +57,13 @@ def test_bills_are_sound(product: Product) -> None:
 
 def binaries() -> list[tuple[Product, Path]]:
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    return list(zip(PRODUCTS, (Path(irt._labsim.__file__), target / "release" / "rig"), strict=True))
+    # `make test-security` builds a rig with DDS Security in a folder of its own.
+    secured = ROOT / "target" / "security" / "release" / "rig"
+    paths = (Path(irt._labsim.__file__), target / "release" / "rig", secured)
+    return list(zip(PRODUCTS, paths, strict=True))
 
 
-@pytest.mark.parametrize(("product", "binary"), binaries(), ids=lambda one: getattr(one, "crate", ""))
+@pytest.mark.parametrize(("product", "binary"), binaries(), ids=lambda one: getattr(one, "name", ""))
 def test_crates_in_a_binary_are_in_its_bill(product: Product, binary: Path) -> None:
     if not binary.exists():
         pytest.skip(f"{binary.name} is not built")

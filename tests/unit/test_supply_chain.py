@@ -48,7 +48,7 @@ def test_crates_have_permissive_licences_known_sources_and_no_further_duplicates
     ("old", "new", "said"),
     [
         ('  "MIT",\n', "", "licenses FAILED"),
-        ('  { crate = "mio@0.6"', '  { crate = "mio@0.5"', "duplicate entries for crate 'mio'"),
+        ('  { crate = "der@0.7"', '  { crate = "der@0.6"', "duplicate entries for crate 'der'"),
         ('unknown-git = "deny"\n', 'unknown-git = "deny"\nallow-registry = []\n', "sources FAILED"),
     ],
 )

@@ -6,11 +6,13 @@ use super::Seen;
 use super::config::LabConfig;
 use super::devices::Devices;
 use super::guard::{Guard, Inputs, Phase};
-use crate::base::{Base, Level};
+use crate::base::Base;
 use crate::clock::Ticker;
 use crate::commands::Commands;
 use crate::config::TICK_S;
+use crate::ending::Arms;
 use crate::error::{Error, Result};
+use crate::events::Level;
 use crate::frames::Frames;
 use crate::messages::{Header, Point, PointStamped, Time};
 use crate::recorder::{Attached, Written};
@@ -40,12 +42,26 @@ pub enum Mode {
     Armed,
 }
 
+/// Result of a run.
+pub struct Finished {
+    /// The bag.
+    pub written: Written,
+    /// Number of states of the board.
+    pub states: u64,
+    /// Ticks of the loop, the number more than 2 ms late, and the maximum lateness (s).
+    pub loop_ticks: (u64, u64, f64),
+    /// The network is left after the result is printed.
+    _base: Base,
+}
+
 /// A run beside a rig.
 pub struct Run {
     /// Clocks, network, bag and stops.
     pub base: Base,
     config: LabConfig,
     devices: Devices,
+    /// Whether the motors are commanded.
+    arm: bool,
     frames: Frames,
     guard: Guard,
     marble: MarbleWatch,
@@ -93,6 +109,7 @@ impl Run {
         let devices = Devices::open(config, &mut base, arm)?;
         let mut run = Self {
             devices,
+            arm,
             frames,
             guard: Guard::new(config.limits, config.timeouts),
             marble: MarbleWatch::new(config.tracker(), config.timeouts, PICTURE_S),
@@ -112,8 +129,9 @@ impl Run {
             && let Err(error) = run.wait()
         {
             run.base.event(Level::Error, "refused", &error.to_string());
-            let _ = run.base.recorder.finish();
-            return Err(error);
+            let refused = Err(error);
+            let _ = run.base.close(&refused);
+            return refused.map(|()| run);
         }
         Ok(run)
     }
@@ -207,6 +225,11 @@ impl Run {
             marble_age_s: self.marble.age_s(now.steady),
             late_s,
         });
+        if self.arm {
+            let rests = commands == [0.0; 2];
+            let arms = if rests { Arms::AtRest } else { Arms::Moving };
+            self.base.watch.command(arms);
+        }
         if let Err(error) = self.devices.send(commands, now, &self.base) {
             self.guard.stop(Reason::Unsendable(error.to_string()));
         }
@@ -282,33 +305,43 @@ impl Run {
         }
     }
 
-    /// Commands zero, and finishes the bag; returns what it holds, the number of states, and the loop's ticks: all, those
-    /// more than 2 ms late, and the worst (s).
+    /// Commands zero, and finishes the bag.
     ///
     /// # Errors
     /// The error that ended the run, or that of the bag.
-    pub fn finish(mut self, outcome: Result<()>) -> Result<(Written, u64, (u64, u64, f64))> {
+    pub fn finish(mut self, outcome: Result<()>) -> Result<Finished> {
         let now = self.base.clock.now();
-        if let Err(error) = self.devices.send([0.0; 2], now, &self.base) {
-            self.base
-                .event(Level::Error, "unsendable", &error.to_string());
+        match self.devices.send([0.0; 2], now, &self.base) {
+            Ok(()) if self.arm => self.base.watch.command(Arms::AtRest),
+            Ok(()) => (),
+            Err(error) => self
+                .base
+                .event(Level::Error, "unsendable", &error.to_string()),
         }
+        let arms = self.base.watch.arms().words();
         match &outcome {
-            Ok(()) => self.base.event(Level::Info, "end", ""),
-            Err(error) => self.base.event(Level::Error, "end", &error.to_string()),
+            Ok(()) => self.base.event(Level::Info, "end", arms),
+            Err(error) => self
+                .base
+                .event(Level::Error, "end", &format!("{error}; {arms}")),
         }
         let ticker = &self.base.ticker;
-        let ticks = (ticker.ticks, ticker.late, ticker.worst_s);
+        let loop_ticks = (ticker.ticks, ticker.late, ticker.worst_s);
         let Self {
-            base,
+            mut base,
             devices,
             states,
             ..
         } = self;
         // The connection ends with a last command of zero.
         drop(devices);
-        let written = base.recorder.finish();
+        let written = base.close(&outcome);
         outcome?;
-        Ok((written?, states, ticks))
+        Ok(Finished {
+            written: written?,
+            states,
+            loop_ticks,
+            _base: base,
+        })
     }
 }

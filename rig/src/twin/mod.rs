@@ -18,6 +18,7 @@ use self::wrist::Driver;
 use crate::clock::Clock;
 use crate::config::{Config, Reliability, Unit};
 use crate::dds::{Link, Outlet, Trigger};
+use crate::ending::Watch;
 use crate::error::{Error, Result};
 use crate::messages::{Header, JointState, Point, PointStamped, Time};
 use crate::model::Model;
@@ -55,6 +56,7 @@ pub fn run(
     ready: impl FnOnce(),
 ) -> Result<()> {
     let signals = Signals::register()?;
+    let watch = Watch::start(signals.any(), 0.0, config.safety.memory_mb)?;
     let model = Model::read(model)?;
     let mut link = Link::open(&config.network, "rig_twin")?;
     let [(_, x), (_, y)] = config.arms.both();
@@ -80,13 +82,16 @@ pub fn run(
         config: config.clone(),
     };
     ready();
-    pace(&signals, seconds, |tick, now| twin.tick(tick, now))
+    let outcome = pace(&signals, &watch, seconds, |tick, now| twin.tick(tick, now));
+    watch.leaves(outcome.as_ref().err());
+    outcome
 }
 
 /// Ticks until a signal, or for some seconds. Physics follows the clock: a late tick is caught up on, with its nominal
 /// stamps.
 fn pace(
     signals: &Signals,
+    watch: &Watch,
     seconds: Option<f64>,
     mut act: impl FnMut(u64, Moment) -> Result<()>,
 ) -> Result<()> {
@@ -98,6 +103,7 @@ fn pace(
         if ahead > 0.0 {
             thread::sleep(Duration::from_secs_f64(ahead));
         }
+        watch.beat();
         if signals.caught().is_some() {
             break;
         }

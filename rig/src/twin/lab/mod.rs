@@ -12,6 +12,7 @@ use self::drive::Drive;
 use self::eye::Eye;
 use super::board::Board;
 use super::{TICK_S, pace};
+use crate::ending::Watch;
 use crate::error::{Error, Result};
 use crate::labs::Lab;
 use crate::labs::config::TwinConfig;
@@ -51,6 +52,7 @@ pub fn run(
     ready: impl FnOnce(),
 ) -> Result<()> {
     let signals = Signals::register()?;
+    let watch = Watch::start(signals.any(), 0.0, f64::INFINITY)?;
     let model = Model::read(model)?;
     let hz = config.twin.tracker_hz;
     if hz > super::HZ {
@@ -74,7 +76,9 @@ pub fn run(
         resets: false,
     };
     ready();
-    pace(&signals, seconds, |tick, now| twin.tick(tick, now))
+    let outcome = pace(&signals, &watch, seconds, |tick, now| twin.tick(tick, now));
+    watch.leaves(outcome.as_ref().err());
+    outcome
 }
 
 impl LabTwin {
