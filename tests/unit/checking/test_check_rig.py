@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import irt
-from irt.checking import check
+from irt.checking import check, page
 from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.recording import Recording
@@ -86,8 +86,11 @@ def test_commands_that_never_change_are_an_error(make_rig):
 
 def test_too_few_rows_are_an_error():
     run = Recording("a", Path("a.csv"), np.eye(3, 2), np.eye(3, 2) * 0.1)
+    found = check(rig_of([run]))
     with pytest.raises(IrtError, match="3 rows"):
-        check(rig_of([run])).require()
+        found.require()
+    assert [(one.noise, one.moves) for one in found.signals] == [(None, True)] * 2
+    assert "never moves" not in page(found)
 
 
 def test_a_short_run_among_others_is_a_warning(make_rig):

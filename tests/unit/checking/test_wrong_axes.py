@@ -157,6 +157,18 @@ def test_gears_of_either_sign_make_mirrored_commands_right(make_rig):
     assert not [one for one in check(mirrored).findings if one.where == "axes"]
 
 
+@pytest.mark.parametrize("convention", WRONG)
+def test_a_single_run_with_other_axes_is_named(make_rig, convention):
+    rig = make_rig()
+    odd = distorted(replace(rig, recordings=rig.recordings[2:3]), convention, KNOBS)
+    mixed = replace(rig, recordings=(*rig.recordings[:2], *odd.recordings, *rig.recordings[3:]))
+    (found,) = [one for one in check(mixed).findings if one.severity != "note"]
+    assert (found.severity, found.where) == ("warning", "run-3")
+    mended = with_columns(odd, follow(found.advice)).recordings[0]
+    again = replace(rig, recordings=(*rig.recordings[:2], mended, *rig.recordings[3:]))
+    assert [one for one in check(again).findings if one.severity != "note"] == []
+
+
 def test_time_between_rows_is_the_simulated_one():
     assert pytest.approx(STEP_S) == TRUTH[0, 3] * SUBSTEP_S
     assert rollouts(TRUTH, np.zeros((5, 2))).shape == (1, 5, 2)
