@@ -10,8 +10,8 @@ import irt
 from irt.checking import check, page
 from irt.engine import rollouts
 from irt.errors import IrtError
-from irt.recording import Recording
-from irt.rig import load_rig
+from irt.recording import CMD, Recording
+from irt.rig import Commands, load_rig
 from simulated_rigs import NOISE, STEP_S, TRUTH, rig_of
 
 
@@ -237,3 +237,13 @@ def test_practice_and_real_rigs_raise_no_alarm(shared):
         found = check(load_rig(path))
         assert warned(found) == [], path.name
         assert all(one.best == "" for one in found.responses), path.name
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(2000.0, 1), (1.0, 0)])
+def test_commands_that_are_no_angles_hide_effects_at_the_knob(make_rig, factor, expected):
+    rig = make_rig()
+    runs = tuple(replace(one, knobs=factor * one.knobs, columns=CMD) for one in rig.recordings)
+    ranges = {**rig.ranges, "gear_x": (-1.0, 1.0), "gear_y": (-1.0, 1.0)}
+    found = check(replace(rig, recordings=runs, commands=Commands("us"), ranges=ranges)).findings
+    notes = [one for one in found if "effects at the knob are searched for at angles" in one.what]
+    assert [one.where for one in notes] == ["cmd_x and cmd_y"] * expected
