@@ -33,7 +33,7 @@ def run_findings(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
             "warning",
             lambda run: run.rows < SHORT_ROWS,
             f"fewer than {SHORT_ROWS} rows",
-            "remove it, or record it again",
+            "leave it out, or record a longer one",
         ),
         (
             "warning",

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 LEAST_ROWS = 12
 #: Extent, in standard deviations of the tracker, below which the marble never moved: noise alone reaches it.
 _STILL = 8.0
-_LONGER = "record longer runs; at 10 to 60 rows a second some runs of 5 s or more"
+_LONGER = "record runs of 5 s or more, at 10 to 60 rows a second"
 _ORDER = ("error", "warning", "note")
 
 
