@@ -470,8 +470,9 @@ def default_ranges(recordings: Sequence[Recording]) -> dict[str, tuple[float, fl
     ranges = dict(RANGES)
     if recordings[0].columns == CMD:
         largest = max(float(np.abs(one.knobs).max()) for one in recordings)
-        # Rigs that never move have no gear to find.
-        steepest = _STOPS_RAD / largest if largest > 0.0 else 1.0
+        # Of commands that hardly move, any gear that a parameter may have.
+        _, highest = _BOUNDS["gear_x"]
+        steepest = min(_STOPS_RAD / largest, highest) if largest > 0.0 else highest
         ranges["gear_x"] = ranges["gear_y"] = (-steepest, steepest)
     return ranges
 

@@ -226,6 +226,8 @@ class TestSignals:
         rig = load_rig(tmp_path)
         assert rig.ranges["gear_x"] == pytest.approx((-0.14 / 200.0, 0.14 / 200.0))
         assert rig.ranges["gear_y"] == (0.0, 1.0)
+        save_recording(tmp_path / "run.csv", commands / 1e6, RUN[1], columns=CMD)
+        assert load_rig(tmp_path).ranges["gear_x"] == (-100.0, 100.0)
         in_memory = Rig.from_recordings(rig.recordings, commands=rig.commands)
         assert in_memory.ranges["gear_x"] == rig.ranges["gear_x"]
 
