@@ -50,6 +50,12 @@ def read_text(path: PathLike, expected: str = "") -> str:
         raise IrtError(f"{path}, line {line}: not UTF-8 text; save the file as UTF-8") from error
 
 
+def file_or_inside(path: Path, name: str) -> Path:
+    """Return the file of a name inside a folder, or the path itself if it is no folder with such a file."""
+    inside = path / name
+    return inside if inside.is_file() else path
+
+
 def read_json(path: Path, expected: str = "") -> dict[str, Any]:
     """Return the object in a JSON file; ``expected`` as for `read_text`.
 
@@ -87,10 +93,11 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     """
     given = Path(path)
     target = Path(os.path.realpath(path))
-    beside = target.with_name(f".irt-{secrets.token_hex(4)}{target.suffix}")
+    # The root of a file system has no name; it is refused as every folder is.
+    beside = target.parent / f".irt-{secrets.token_hex(4)}{target.suffix}"
     try:
         if given.is_dir():
-            raise IrtError(f"{path}: cannot be written: it is a folder")
+            raise IrtError(f"{path}: cannot be written: it is a folder; name a file")
         if given.exists() and not given.is_file():
             yield given
             return
@@ -132,6 +139,9 @@ def make_folder(path: PathLike) -> Path:
     path = Path(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        taken = next((one for one in (path, *path.parents) if one.is_file()), path)
+        raise IrtError(f"{path}: the folder cannot be made: {taken} is a file; choose another") from error
     except OSError as error:
         raise IrtError(f"{path}: the folder cannot be made: {error.strerror}") from error
     if not os.access(path, os.W_OK | os.X_OK):

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from irt import arguments, catalogue, display
 from irt.engine import TimeStep, rollouts
 from irt.errors import IrtError, located, unknown_name
-from irt.files import PathLike, TomlTable, read_toml, write_atomic
+from irt.files import PathLike, TomlTable, file_or_inside, read_toml, write_atomic
 from irt.maze import Maze, read_maze
 from irt.posterior import (
     SPINNING,
@@ -350,15 +350,15 @@ def load_model(path: PathLike) -> Model:
     Parameters
     ----------
     path : path
-        The TOML file.
+        The TOML file, or the folder that `irt tune` or `irt diagnose` wrote it to.
 
     Raises
     ------
     IrtError
-        If the file is no model, or one of a newer format, or names an effect that the engine does not know;
-        the message names section and key.
+        If it is no model, of a newer format, or has an unknown effect; the message names section and key.
     """
-    table = read_toml(arguments.path("path", path), "a model.toml, as `irt tune` and `irt diagnose` write it")
+    path = file_or_inside(arguments.path("path", path), "model.toml")
+    table = read_toml(path, "a model.toml, as `irt tune` and `irt diagnose` write it")
     if not table.content:
         raise IrtError(f"{path}: the file is empty")
     _check_format(table)

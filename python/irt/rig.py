@@ -56,6 +56,9 @@ Start = Literal["rest", "moving"]
 #: model lacks counts for more.
 MOST_ROWS = 10_000
 
+#: Tilt at which a labyrinth's board meets its stops [rad]: 8 degrees.
+_STOPS_RAD = 0.14
+
 #: Lowest and highest value that a parameter may have at all, far beyond any rig.
 _BOUNDS = {
     "gear_x": (-100.0, 100.0),
@@ -164,13 +167,14 @@ class Rig:
         if not recordings:
             raise IrtError("recordings: expected at least one, got none")
         given: Any = {} if ranges is None else ranges
+        runs = _with_own_names([as_recording(one) for one in recordings])
         return cls(
             path=Path(arguments.text("name", name)),
             board=Board() if board is None else board,
             marble=Marble() if marble is None else marble,
             start=start,
-            ranges={**RANGES, **arguments.mapping("ranges", given)},
-            recordings=_with_own_names([as_recording(one) for one in recordings]),
+            ranges={**default_ranges(runs), **arguments.mapping("ranges", given)},
+            recordings=runs,
             commands=Commands() if commands is None else commands,
             tilt=TiltSensor() if tilt is None else tilt,
             maze=maze,
@@ -288,7 +292,7 @@ def load_rig(folder: PathLike) -> Rig:
         board=board,
         marble=marble,
         start=read_start(table),
-        ranges=_read_ranges(table.section("parameters")),
+        ranges=default_ranges(recordings) | _read_ranges(table.section("parameters")),
         recordings=recordings,
         commands=commands,
         tilt=tilt,
@@ -449,15 +453,27 @@ def check_value(name: str, value: float) -> None:
 
 
 def _read_ranges(section: TomlTable) -> dict[str, tuple[float, float]]:
-    """Return the range of every parameter: the paper's, unless ``[parameters]`` gives another."""
+    """Return the ranges that ``[parameters]`` gives."""
     section.only("parameter", PARAMETERS)
-    ranges = dict(RANGES)
+    ranges = {}
     for name in section.content:
         table = section.inline(name, "{ range = [low, high] }")
         table.only("key", ("range",))
         ranges[name] = table.pair("range")
         with located(section.where):
             check_range(name, *ranges[name])
+    return ranges
+
+
+def default_ranges(recordings: Sequence[Recording]) -> dict[str, tuple[float, float]]:
+    """Return the paper's ranges; for commands in the rig's own unit gears of either sign, up to the stops."""
+    ranges = dict(RANGES)
+    if recordings[0].columns == CMD:
+        largest = max(float(np.abs(one.knobs).max()) for one in recordings)
+        # Of commands that hardly move, any gear that a parameter may have.
+        _, highest = _BOUNDS["gear_x"]
+        steepest = min(_STOPS_RAD / largest, highest) if largest > 0.0 else highest
+        ranges["gear_x"] = ranges["gear_y"] = (-steepest, steepest)
     return ranges
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from irt import arguments
 from irt.errors import IrtError
 from irt.files import PathLike
-from irt.rig import Rig, as_rig
+from irt.rig import Rig, as_rig, default_ranges
 
 
 @arguments.entry
@@ -34,6 +34,9 @@ def pool(rigs: Sequence[Rig | PathLike]) -> Rig:
     for index, name in enumerate(names):
         if name in names[:index]:
             raise IrtError(f"rigs: two sessions have the name {name}; rename one of the folders")
+    # Ranges that nobody gave follow the commands: those of the sessions together hold for all of them.
+    together = default_ranges([run for one in found for run in one.recordings])
+    found = [replace(one, ranges=_ranges(one, together)) for one in found]
     first = found[0]
     for other, name in zip(found[1:], names[1:], strict=True):
         _check_same(first, names[0], other, name)
@@ -48,6 +51,12 @@ def pool(rigs: Sequence[Rig | PathLike]) -> Rig:
 def session_of(recording: str) -> str:
     """Return the session of a pooled recording by its name; empty for one of no session."""
     return recording.rpartition("/")[0]
+
+
+def _ranges(rig: Rig, together: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """Return the ranges of a session, those that are its defaults as they are of all sessions together."""
+    own = default_ranges(rig.recordings)
+    return {name: together[name] if ends == own[name] else ends for name, ends in rig.ranges.items()}
 
 
 def _name(rig: Rig) -> str:

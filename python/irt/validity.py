@@ -48,8 +48,14 @@ def check_header(where: str, header: list[str], required: Sequence[str]) -> None
     for name in required:
         if name not in header:
             near = difflib.get_close_matches(name, [one for one in header if one not in _NAMES], n=1)
-            remedy = f"; rename {near[0]}" if near else "; count rows 0, 1, 2, ..." if name == STEP else ""
-            raise IrtError(f"{where}: column {name} is missing{remedy}; the header has {', '.join(header)}")
+            remedy = (
+                f"rename {near[0]}"
+                if near
+                else "count rows 0, 1, 2, ..."
+                if name == STEP
+                else "rename the column that holds it"
+            )
+            raise IrtError(f"{where}: column {name} is missing; {remedy}; the header has {', '.join(header)}")
     for name in _NAMES:
         if header.count(name) > 1:
             raise IrtError(f"{where}: column {name} appears {header.count(name)} times; keep one")
@@ -73,7 +79,10 @@ def check_commands(
     steps = np.diff(stamps)
     if (row := first_row(steps <= 0)) is not None:
         found = f"{stamps[row + 1]} follows {stamps[row]}"
-        raise IrtError(f"{where(row + 1, STAMP)}: stamps must rise from row to row, but {found}")
+        raise IrtError(
+            f"{where(row + 1, STAMP)}: stamps must rise from row to row, but {found}; remove the rows that "
+            "repeat, sort the others, or split the recording here if the clock was set back"
+        )
     if (row := first_row(steps > _LONGEST_STEP_S)) is not None:
         raise IrtError(
             f"{where(row + 1, STAMP)}: {steps[row]:.6g} s after the row before; are the stamps in seconds? "

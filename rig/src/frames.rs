@@ -1,6 +1,7 @@
-//! `/tf` and `/robot_description` in bags, with which Foxglove and Rerun show board and marble in 3-D.
+//! `/tf`, `/tf_static` and `/robot_description` in bags, with which Foxglove and Rerun show board and marble in 3-D.
 //!
-//! Frames: `world`, `maze` (the board, tilted, with its origin at the centre of its surface), `ball`.
+//! Frames: `world`, `base` (the box, which stands still), `maze` (the board, tilted, with its origin at the centre of its
+//! surface), `ball`.
 
 use crate::messages::{
     Header, Quaternion, Text, TfMessage, Time, Transform, TransformStamped, Vector3,
@@ -10,6 +11,11 @@ use crate::recorder::{Channel, Recorder};
 /// Thickness of the drawn board, and width and height of its rim (m).
 const BOARD_M: f64 = 0.004;
 const RIM_M: [f64; 2] = [0.005, 0.012];
+
+/// Thickness and height of the sides of the drawn box, and their distance from the rim (m). They end at the level board's
+/// surface, so that a tilt shows beside them.
+const BOX_M: [f64; 2] = [0.008, 0.03];
+const BOX_AWAY_M: f64 = 0.01;
 
 /// Sizes to draw.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,6 +38,9 @@ impl Frames {
         let description = recorder.channel::<Text>("/robot_description");
         let data = urdf(size);
         recorder.record(description, nanos, nanos, &Text { data });
+        let fixed = recorder.channel::<TfMessage>("/tf_static");
+        let transforms = vec![base(Time::from_nanos(nanos))];
+        recorder.record(fixed, nanos, nanos, &TfMessage { transforms });
         Self {
             channel: recorder.channel::<TfMessage>("/tf"),
             size,
@@ -57,6 +66,18 @@ impl Frames {
         };
         recorder.record(self.channel, log, stamp, &message);
     }
+}
+
+/// The pose of the box's bottom in the world, whose origin is the board's centre.
+fn base(stamp: Time) -> TransformStamped {
+    let transform = Transform {
+        translation: Vector3 {
+            z: -BOX_M[1],
+            ..Vector3::default()
+        },
+        rotation: Quaternion::default(),
+    };
+    named(stamp, ["world", "base"], transform)
 }
 
 /// The board's pose in the world at tilts about x and y (rad).
@@ -98,29 +119,39 @@ fn named(stamp: Time, [parent, child]: [&str; 2], transform: Transform) -> Trans
     }
 }
 
-/// The description of board and marble. Its joints are free: their poses are those of `/tf`.
+/// The description of box, board and marble. The joints of board and marble are free: their poses are those of `/tf`.
 fn urdf(size: Size) -> String {
-    let ([x, y], [rim, height]) = (size.edges_m, RIM_M);
-    let mut visuals = shape([x, y, BOARD_M], [0.0, 0.0, -BOARD_M / 2.0], "wood");
-    for side in [-1.0, 1.0] {
-        let up = height / 2.0 - BOARD_M;
-        let along_x = [x + 2.0 * rim, rim, height];
-        let along_y = [rim, y, height];
-        visuals += &shape(along_x, [0.0, side * (y + rim) / 2.0, up], "rim");
-        visuals += &shape(along_y, [side * (x + rim) / 2.0, 0.0, up], "rim");
-    }
-    let radius = size.radius_m;
+    let [rim, height] = RIM_M;
+    let [x, y] = size.edges_m;
+    let board = shape([x, y, BOARD_M], [0.0, 0.0, -BOARD_M / 2.0], "wood")
+        + &sides([x, y], RIM_M, height / 2.0 - BOARD_M, "rim");
+    let inner = [x, y].map(|edge| edge + 2.0 * (rim + BOX_AWAY_M));
+    let sides = sides(inner, BOX_M, BOX_M[1] / 2.0, "rim");
+    let (radius, down) = (size.radius_m, -BOX_M[1]);
     format!(
         "<?xml version=\"1.0\"?>\n<robot name=\"labyrinth\">\n\
          <material name=\"wood\"><color rgba=\"0.81 0.66 0.47 1\"/></material>\n\
          <material name=\"rim\"><color rgba=\"0.43 0.29 0.17 1\"/></material>\n\
          <material name=\"steel\"><color rgba=\"0.75 0.77 0.8 1\"/></material>\n\
-         <link name=\"world\"/>\n<link name=\"maze\">\n{visuals}</link>\n\
+         <link name=\"world\"/>\n<link name=\"base\">\n{sides}</link>\n<link name=\"maze\">\n{board}</link>\n\
          <link name=\"ball\"><visual><geometry><sphere radius=\"{radius}\"/></geometry><material name=\"steel\"/></visual></link>\n\
+         <joint name=\"stand\" type=\"fixed\"><parent link=\"world\"/><child link=\"base\"/><origin xyz=\"0 0 {down}\"/></joint>\n\
          <joint name=\"tilt\" type=\"floating\"><parent link=\"world\"/><child link=\"maze\"/></joint>\n\
          <joint name=\"roll\" type=\"floating\"><parent link=\"maze\"/><child link=\"ball\"/><origin xyz=\"0 0 {radius}\"/></joint>\n\
          </robot>\n"
     )
+}
+
+/// Four sides about a rectangle of inner edges x and y, `thick` and `height` (m), with their middle at a height.
+fn sides([x, y]: [f64; 2], [thick, height]: [f64; 2], up: f64, material: &str) -> String {
+    let mut found = String::new();
+    for side in [-1.0, 1.0] {
+        let along_x = [x + 2.0 * thick, thick, height];
+        let along_y = [thick, y, height];
+        found += &shape(along_x, [0.0, side * (y + thick) / 2.0, up], material);
+        found += &shape(along_y, [side * (x + thick) / 2.0, 0.0, up], material);
+    }
+    found
 }
 
 fn shape([x, y, z]: [f64; 3], [at_x, at_y, at_z]: [f64; 3], material: &str) -> String {

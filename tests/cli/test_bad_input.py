@@ -112,6 +112,7 @@ def test_board_edges_that_meet_walls_are_not_taken_for_metres(irt, lab):
     assert "metres" not in irt("check", lab(amplitude=0.14)).out
 
 
+@pytest.mark.slow
 def test_a_few_rows_with_wrong_axes_are_tuned_with_a_warning_on_top(irt, lab, tmp_path):
     rig = lab(lambda k, m: (k, -m), rows=100, runs=1)
     done = irt("tune", rig, "--starts", "1", "--out", tmp_path / "out")

@@ -73,3 +73,30 @@ def test_wrong_numbers_are_wrong_usage(irt, words):
     done = irt("drive", *words)
     assert done.status == 2
     assert "expected a" in done.err
+
+
+def test_recordings_are_not_replaced(irt, tmp_path):
+    irt("drive", "--out", tmp_path, "--runs", "2")
+    lines = (tmp_path / "run-2.csv").read_text().splitlines()
+    played = "\n".join([*lines[:2], lines[2][:-1] + "0.01,0.02", *lines[3:]]) + "\n"
+    (tmp_path / "run-2.csv").write_text(played)
+
+    done = irt("drive", "--out", tmp_path, "--seed", "1")
+
+    assert (done.status, done.out) == (1, "")
+    assert "run-2.csv: holds more than commands, and would be replaced; choose another --out" in done.err
+    assert (tmp_path / "run-2.csv").read_text() == played
+
+
+def test_commands_are_made_again_and_that_is_said(irt, tmp_path):
+    irt("drive", "--out", tmp_path, "--runs", "1")
+    done = irt("drive", "--out", tmp_path, "--runs", "1", "--seed", "1")
+    assert (done.status, done.err) == (0, "")
+    assert f"note: this replaces {tmp_path / 'run-1.csv'}" in done.out
+
+
+def test_an_amplitude_in_degrees_is_refused(irt, tmp_path):
+    done = irt("drive", "--out", tmp_path / "drive", "--amplitude", "5.7")
+    assert done.status == 1
+    assert "no knob of a labyrinth turns by 5.7 rad, more than half a turn" in done.err
+    assert not (tmp_path / "drive").exists()

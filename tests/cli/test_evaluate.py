@@ -89,7 +89,7 @@ def test_a_window_that_is_none_is_wrong_usage(irt, rig: Path, model: Path, windo
         (("model.toml", "."), "irt: .: the rig holds no recording; "),
         (
             ("model.toml", "rig", "--out", "model.toml"),
-            "irt: model.toml: the folder cannot be made: File exists\n",
+            "irt: model.toml: the folder cannot be made: model.toml is a file; choose another\n",
         ),
     ],
 )

@@ -97,7 +97,12 @@ def test_formats_are_known_by_their_content(tmp_path: Path, truth: Truth, irt: C
     unknown = write_csv(tmp_path / "unknown.csv", {"a": [1, 2], "b": [3, 4]})
     asked = irt("import", unknown)
     assert asked.status == 1
-    assert "columns of no known lab (a, b); choose with --from rig|cyberrunner|tag|csv" in asked.err
+    assert (
+        "columns of no known lab (a, b); name them with --map, such as --map marble_x=xb/0.276" in asked.err
+    )
+    assert "or choose with --from rig|cyberrunner|tag|csv" in asked.err
+    upper = unknown.rename(tmp_path / "UNKNOWN.CSV")
+    assert "columns of no known lab (a, b)" in irt("import", upper).err
     mixed = irt("import", bag, folder)
     assert "sources of several kinds (cyberrunner, tag)" in mixed.err
 

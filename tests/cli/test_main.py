@@ -14,7 +14,7 @@ from irt.cli.__main__ import VERBS
 from irt.errors import IrtError
 from irt.recording import save_recording
 
-COMMAND = [sys.executable, "-m", "irt.cli"]
+COMMAND = [sys.executable, "-m", "irt"]
 UNIX = pytest.mark.skipif(os.name == "nt", reason="signals and devices of Unix")
 PARAMETERS = (
     "gear_x = 0.07\ngear_y = 0.06\nrolling_friction = 0.0005\ntime_scale = 24\nobservation_scale = 1\n"

@@ -59,6 +59,7 @@ def test_commands(irt, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (folder / "suggest.csv").exists()
 
 
+@pytest.mark.slow
 def test_python(folder: Path) -> None:
     printed = run([sys.executable, "-c", code("python", "import irt")], folder)
     assert printed.splitlines()[-1] == "(100, 2)"

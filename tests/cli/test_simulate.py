@@ -121,7 +121,7 @@ def test_an_effect_that_the_engine_does_not_know(irt, tmp_path: Path, commands: 
         (("model.toml", "--commands", "model.toml"), "irt: model.toml, line 1: column step is missing; "),
         (
             ("model.toml", "--commands", "run.csv", "--out", "."),
-            "irt: .: cannot be written: it is a folder\n",
+            "irt: .: cannot be written: it is a folder; name a file\n",
         ),
         (
             ("model.toml", "--commands", "run.csv", "--out", "a/b.csv"),

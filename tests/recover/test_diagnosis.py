@@ -81,6 +81,7 @@ def test_wild_rows_are_no_physics():
     assert irt.diagnose(replace(rig, recordings=tuple(wild))).verdict == "sufficient"
 
 
+@pytest.mark.slow
 def test_no_further_start_improves_the_five_parameters_under_a_strong_field():
     """A field stronger than the drive gives the likelihood many local maxima, hundreds of nats apart."""
     field = {"name": "point_field", "x_m": 0.2, "y_m": -0.17, "strength_m3_per_s2": 0.0028}

@@ -90,6 +90,7 @@ def test_a_pipe_is_written_and_not_replaced(tmp_path: Path) -> None:
     ("name", "message"),
     [
         (".", "cannot be written: it is a folder"),
+        ("/", "cannot be written: it is a folder"),
         ("none/a.txt", "cannot be written: there is no folder"),
         ("file/a.txt", "cannot be written: there is no folder"),
         ("x" * 300, "cannot be written: File name too long"),
@@ -117,8 +118,10 @@ def test_make_folder_makes_its_parents(tmp_path: Path) -> None:
 
 def test_make_folder_over_a_file(tmp_path: Path) -> None:
     (tmp_path / "a").write_text("x")
-    with pytest.raises(IrtError, match="the folder cannot be made: File exists"):
+    with pytest.raises(IrtError, match=r"the folder cannot be made: .*a is a file; choose another"):
         make_folder(tmp_path / "a")
+    with pytest.raises(IrtError, match=r"b: the folder cannot be made: .*a is a file; choose another"):
+        make_folder(tmp_path / "a" / "b")
 
 
 def test_read_text_drops_a_byte_order_mark(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "python" / "irt"
 
 # Top to bottom. A new module takes its place here, above all that it uses.
 LAYERS = (
+    "__main__",
     "cli",
     "environment",
     "export",

@@ -79,6 +79,13 @@ def test_reads_all_that_a_model_holds(tmp_path: Path) -> None:
     )
 
 
+def test_a_folder_of_results_stands_for_its_model(tmp_path: Path) -> None:
+    assert load_model(write(tmp_path, GOOD).parent) == load_model(tmp_path / "model.toml")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(IrtError, match=r"empty: is a folder, where a file was expected; give a model\.toml"):
+        load_model(tmp_path / "empty")
+
+
 def test_parameters_in_any_order(tmp_path: Path) -> None:
     head, *lines = GOOD.strip().split("\n")[1:]
     read = load_model(write(tmp_path, "\n".join([head, *reversed(lines)])))

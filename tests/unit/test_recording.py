@@ -90,7 +90,7 @@ BAD = {
     "one row": ("\n".join(GOOD[:2]), r"run\.csv: only one row; at least two are needed"),
     "column missing": (
         "\n".join(GOOD).replace("marble_y", "y"),
-        r"run\.csv, line 1: column marble_y is missing; the header has step, t_s, .*, marble_x, y$",
+        r"run\.csv, line 1: column marble_y is missing; rename the column that holds it; the header .*, y$",
     ),
     "column misspelt": (
         "\n".join(GOOD).replace("knob_x_rad", "knob_x"),

@@ -7,7 +7,7 @@ import pytest
 
 from irt.errors import IrtError
 from irt.recording import CMD, save_recording
-from irt.rig import PARAMETERS, RANGES, Board, Commands, Marble, TiltSensor, check_value, load_rig
+from irt.rig import PARAMETERS, RANGES, Board, Commands, Marble, Rig, TiltSensor, check_value, load_rig
 
 RUN = (np.zeros((3, 2)), np.zeros((3, 2)))
 
@@ -217,6 +217,19 @@ class TestSignals:
         save_recording(tmp_path / "run.csv", *RUN, columns=CMD)
         with pytest.raises(IrtError, match=r"cmd_x, cmd_y, commands in the rig's own unit; name it"):
             load_rig(tmp_path)
+
+    def test_gears_of_an_own_unit_have_either_sign_and_end_at_the_boards_stops(self, tmp_path: Path) -> None:
+        commands = np.array([[0.0, 0.0], [50.0, -200.0], [0.0, 0.0]])
+        save_recording(tmp_path / "run.csv", commands, RUN[1], columns=CMD)
+        toml = '[commands]\nunit = "us"\n[parameters]\ngear_y = { range = [0, 1] }\n'
+        (tmp_path / "rig.toml").write_text(toml)
+        rig = load_rig(tmp_path)
+        assert rig.ranges["gear_x"] == pytest.approx((-0.14 / 200.0, 0.14 / 200.0))
+        assert rig.ranges["gear_y"] == (0.0, 1.0)
+        save_recording(tmp_path / "run.csv", commands / 1e6, RUN[1], columns=CMD)
+        assert load_rig(tmp_path).ranges["gear_x"] == (-100.0, 100.0)
+        in_memory = Rig.from_recordings(rig.recordings, commands=rig.commands)
+        assert in_memory.ranges["gear_x"] == rig.ranges["gear_x"]
 
     def test_all_recordings_have_the_same_kind_of_commands(self, tmp_path: Path) -> None:
         save_recording(tmp_path / "run-1.csv", *RUN)

@@ -20,6 +20,7 @@ _PLACE = re.compile(rb"/registry/src/[^/]+/([a-zA-Z0-9_-]+?)-(\d+\.\d+\.\d+[a-z0
 products = pytest.mark.parametrize("product", PRODUCTS, ids=lambda product: product.name)
 
 
+@pytest.mark.slow
 @products
 def test_bills_are_those_of_the_lock(product: Product) -> None:
     if shutil.which("cargo") is None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from irt.errors import IrtError
-from irt.recording import Recording
+from irt.recording import CMD, Recording
 from irt.rig import Board, Commands, Rig
 from irt.sessions import pool, session_of
 
@@ -27,6 +27,16 @@ def test_sessions_become_one_rig_whose_recordings_keep_their_session() -> None:
     assert [session_of(name) for name in names] == ["day-1"] * 2 + ["day-2"] * 3
     assert pooled.path == Path("day-1+day-2")
     assert session_of("run-1") == ""
+
+
+def test_ranges_that_follow_the_commands_are_those_of_all_sessions() -> None:
+    def played(name: str, amplitude: float) -> Rig:
+        commands = np.full((9, 2), amplitude)
+        run = Recording.from_arrays(commands=commands, marble=np.zeros((9, 2)), columns=CMD)
+        return Rig.from_recordings([run], name=name, commands=Commands("mA"))
+
+    pooled = pool([played("day-1", 100.0), played("day-2", 200.0)])
+    assert pooled.ranges == played("both", 200.0).ranges
 
 
 @pytest.mark.parametrize(

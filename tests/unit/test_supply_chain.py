@@ -38,12 +38,14 @@ def verdict(policy: Path) -> "subprocess.CompletedProcess[str]":
     return done
 
 
+@pytest.mark.slow
 def test_crates_have_permissive_licences_known_sources_and_no_further_duplicates() -> None:
     done = verdict(POLICY)
     assert done.returncode == 0, done.stderr
     assert "bans ok, licenses ok, sources ok" in done.stdout + done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

@@ -19,8 +19,8 @@ _SINUSOID = 0.9
 _FEW_PERIODS = 4.0
 #: Minimum number of runs for cross-validation.
 _LEAST_RUNS = 3
-#: Maximum number of runs in an advice, relative to the recorded ones.
-_MOST_TIMES = 20.0
+#: Maximum number of runs in an advice, relative to the recorded ones: half an hour of recording becomes two.
+_MOST_TIMES = 4.0
 
 
 def next_recording(  # noqa: PLR0911  # a list of rules; the first that applies is used

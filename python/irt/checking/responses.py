@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,7 @@ _DELAYS = 16
 #: Standard errors and share of the variance by which another convention must be better. Of 122 simulated and
 #: 39 practice rigs in 7 wrong conventions each, 99 % are detected. For right conventions, and for noise
 #: alone, no other convention explains 1 % more.
-_Z, _SHARE = 1.3, 0.15
+Z, SHARE = 1.3, 0.15
 #: Log likelihood ratio [nats] for a certainly wrong convention: another one is a million times likelier,
 #: corrected for the seven alternatives.
 _CERTAIN = float(np.log(1e6) + np.log(len(CONVENTIONS) - 1))
@@ -69,21 +69,16 @@ def responses(
     """Return the responses that the recordings allow: "marble", "tilt to marble", "tilt"."""
     commands = rig.recordings[0].columns
     step = row_step(rig)
-    held = _grid(0.0, _LONGEST_S, step)
-    to_marble, from_tilt, to_tilt = [], [], []
-    for run, (marble, tilt), touches in zip(rig.recordings, cleaned, rim, strict=True):
-        times = run.stamps if step is not None else None
-        knobs, places, walls = resampled(
-            times, run.knobs, marble, touches.astype(float), held=(True, False, False)
-        )
-        free = ~(walls > 0.0)
-        if run.has_marble:
-            to_marble.append(Signals(knobs, places, free))
+    held = delays_to_try(step)
+    of_runs = marble_signals(rig, cleaned, rim)
+    to_marble = [one for run, one in zip(rig.recordings, of_runs, strict=True) if run.has_marble]
+    from_tilt, to_tilt = [], []
+    for run, (_, tilt), own in zip(rig.recordings, cleaned, of_runs, strict=True):
         if tilt is not None and run.has_tilt:
-            (angles,) = resampled(times, tilt, held=(False,))
-            to_tilt.append(Signals(knobs, angles))
+            (angles,) = resampled(run.stamps if step is not None else None, tilt, held=(False,))
+            to_tilt.append(Signals(own.inputs, angles))
             if run.has_marble:
-                from_tilt.append(Signals(angles, places, free))
+                from_tilt.append(replace(own, inputs=angles))
     found = {}
     scale = 1.0 if step is None else rig.board.edge_x_m / step**2
     per = "rad" if rig.commands.unit == "rad" else rig.commands.unit
@@ -99,6 +94,26 @@ def responses(
     if to_tilt and (one := fit_level(to_tilt, held)) is not None:
         found["tilt"] = _answer(one, (commands, TILT), f"rad per {per}", 1.0, step)
     return found
+
+
+def marble_signals(
+    rig: Rig, cleaned: Sequence[tuple[Array, Array | None]], rim: Sequence[NDArray[np.bool_]]
+) -> list[Signals]:
+    """Return commands and places of each run at equal steps; places are all NaN in a run without a marble."""
+    step = row_step(rig)
+    found = []
+    for run, (marble, _), touches in zip(rig.recordings, cleaned, rim, strict=True):
+        times = run.stamps if step is not None else None
+        knobs, places, walls = resampled(
+            times, run.knobs, marble, touches.astype(float), held=(True, False, False)
+        )
+        found.append(Signals(knobs, places, ~(walls > 0.0)))
+    return found
+
+
+def delays_to_try(step: float | None) -> Array:
+    """Return the delays of commands that a fit tries [rows], from the duration of a row [s]."""
+    return _grid(0.0, _LONGEST_S, step)
 
 
 def first_values(rig: Rig, time_scale: float | None, answer: Answer | None) -> Array:
@@ -158,7 +173,7 @@ def _answer(
         explained=float(response.shares[0]),
         best=correction(response.best, inputs, outputs),
         best_explained=float(response.shares.max()),
-        contradicts=response.contradicts(z=_Z, share=_SHARE),
+        contradicts=response.contradicts(z=Z, share=SHARE),
     )
     return Answer(response, facts)
 
@@ -172,11 +187,15 @@ def correction(found: Convention, swapped: tuple[str, str], mirrored: tuple[str,
     return ", ".join(parts)
 
 
+def has_free_signs(rig: Rig) -> bool:
+    """Whether any convention of the commands is valid: with a gear matrix, or gears of either sign."""
+    return rig.commands.matrix or any(rig.ranges[name][0] < 0.0 for name in ("gear_x", "gear_y"))
+
+
 def response_findings(rig: Rig, answers: dict[str, Answer]) -> list[Finding]:
     """Return findings on axes and signs, with the columns to change, and on gains of another unit."""
     findings = []
-    # With a gear matrix or gears of either sign any convention of the commands is valid.
-    free_signs = rig.commands.matrix or any(rig.ranges[name][0] < 0.0 for name in ("gear_x", "gear_y"))
+    free_signs = has_free_signs(rig)
     wrong = {
         name
         for name, one in answers.items()

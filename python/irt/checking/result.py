@@ -120,15 +120,18 @@ class SignalFacts:
     unit : str
         Unit of noise and resolution.
     noise : float or None
-        Standard deviation of white noise; None for a constant axis.
+        Standard deviation of white noise; None for a constant axis, and for too few rows.
     resolution : float or None
         Step of the rounding; None without a common step.
+    moves : bool
+        Whether the values differ within any run.
     """
 
     column: str
     unit: str
     noise: float | None
     resolution: float | None
+    moves: bool
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from irt import arguments
 from irt.checking.advice import next_recording
 from irt.checking.findings import SHORT_ROWS, run_findings
 from irt.checking.identify import identify
+from irt.checking.odd_runs import odd_runs
 from irt.checking.positions import position_findings
 from irt.checking.responses import Answer, response_findings, responses
 from irt.checking.result import Check, Finding, RunFacts, SignalFacts, require, warning_lines
@@ -28,7 +29,7 @@ Array = NDArray[np.float64]
 LEAST_ROWS = 12
 #: Extent, in standard deviations of the tracker, below which the marble never moved: noise alone reaches it.
 _STILL = 8.0
-_LONGER = "record longer runs; at 10 to 60 rows a second some runs of 5 s or more"
+_LONGER = "record runs of 5 s or more, at 10 to 60 rows a second"
 _ORDER = ("error", "warning", "note")
 
 
@@ -138,9 +139,12 @@ def _wrong(
 ) -> tuple[dict[str, Answer], list[Finding]]:
     """Return the responses between signals, and findings on their axes, signs and units."""
     marbles = [marble for marble, _ in cleaned]
-    answers = responses(rig, cleaned, rim_masks(rig, marbles, noise))
+    rim = rim_masks(rig, marbles, noise)
+    answers = responses(rig, cleaned, rim)
+    # Where all runs contradict physics, a single one says nothing more.
+    axes = response_findings(rig, answers) or odd_runs(rig, cleaned, rim)
     found = [
-        *response_findings(rig, answers),
+        *axes,
         *unit_findings(rig, answers),
         *position_findings(rig, marbles, noise, threads),
     ]

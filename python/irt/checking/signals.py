@@ -76,7 +76,8 @@ def _facts(column: str, unit: str, values: Sequence[Array]) -> SignalFacts:
     if noise is not None and step is not None:
         # Rounding adds noise, and hides smaller noise.
         noise = max(noise, step / math.sqrt(12.0))
-    return SignalFacts(column, unit, noise, step)
+    moves = any(np.nanmax(one) > np.nanmin(one) for one in values if np.isfinite(one).any())
+    return SignalFacts(column, unit, noise, step, moves)
 
 
 def noise_of_runs(values: Iterable[Array]) -> float | None:

@@ -88,7 +88,8 @@ def _signals(signals: Sequence[SignalFacts]) -> Iterator[str]:
     yield "signal        noise               resolution"
     for one in signals:
         scale, unit = (100.0, "% of an edge") if one.unit == "edge" else (1000.0, "mrad")
-        noise = "never moves" if one.noise is None else f"{scale * one.noise:.3g} {unit}"
+        unknown = "too few rows" if one.moves else "never moves"
+        noise = unknown if one.noise is None else f"{scale * one.noise:.3g} {unit}"
         step = "-" if one.resolution is None else f"{scale * one.resolution:.2g} {unit}"
         yield f"{one.column:<12}  {noise:<18}  {step}"
 
@@ -132,7 +133,7 @@ def _identified(found: Identified, runs: int) -> Iterator[str]:
         ("shown", "effects are detectable from these sizes", _size),
         (
             "later",
-            f"not detectable at half their largest size, but with so many runs like these ({runs} so far)",
+            f"detectable at half their largest size with this many runs like these ({runs} so far)",
             partial(_runs_needed, runs=runs),
         ),
         ("never", "not detectable with any number of runs like these", None),

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import math
+from collections.abc import Sequence
 from pathlib import Path
 
-from irt.cli.inputs import positive, whole
+from irt.cli.inputs import positive, print_replaced, whole
+from irt.errors import IrtError
 
 NAME = "drive"
 HELP = "make commands for the first runs to record: CSV files with stamps, ready to play"
@@ -63,6 +66,11 @@ def run(args: argparse.Namespace) -> None:
     from irt.recording import CMD, KNOBS, save_recording
     from irt.suggestion.first_runs import first_runs
 
+    if args.unit is None and args.amplitude > math.pi:
+        raise IrtError(
+            f"--amplitude: no knob of a labyrinth turns by {args.amplitude:g} rad, more than half a turn; "
+            "give radians, or name the unit with --unit"
+        )
     rows = round(args.seconds * args.rate)
     made = first_runs(
         rows,
@@ -73,6 +81,7 @@ def run(args: argparse.Namespace) -> None:
         seed=args.seed,
     )
     folder = make_folder(args.out)
+    _refuse_recordings([folder / f"run-{number}.csv" for number in range(1, args.runs + 1)])
     stamps = (np.arange(rows) / args.rate).round(6)
     for number, one in enumerate(made, start=1):
         # Row 0 holds the start of the marble; the other cells stay empty for the recording.
@@ -90,3 +99,20 @@ def run(args: argparse.Namespace) -> None:
     )
     if args.unit is not None:
         print(f'Add a rig.toml to that folder with the lines\n[commands]\nunit = "{args.unit}"')
+
+
+def _refuse_recordings(paths: Sequence[Path]) -> None:
+    """Raise if a file to write holds a recording: only commands that can be made again are replaced."""
+    from irt.recording import load_commands, load_recording
+
+    for path in paths:
+        if not path.exists():
+            continue
+        try:
+            load_commands(path)
+            recorded = bool(load_recording(path).seen[1:].any())
+        except IrtError:
+            recorded = True
+        if recorded:
+            raise IrtError(f"{path}: holds more than commands, and would be replaced; choose another --out")
+    print_replaced(paths)

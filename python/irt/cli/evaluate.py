@@ -46,12 +46,14 @@ def run(args: argparse.Namespace) -> None:
     from irt.cli.inputs import TIME_UNKNOWN, results_folder
     from irt.files import write_atomic
     from irt.model import load_model
-    from irt.report.plots import plot_evaluation
     from irt.residual import evaluate
     from irt.rig import load_rig
 
     model = load_model(args.model)
     rig = load_rig(args.rig)
+    # This loads matplotlib: a file that cannot be read is named before.
+    from irt.report.plots import plot_evaluation
+
     folder = results_folder(args.out, ("evaluation.json", "evaluation.svg"))
     evaluation = evaluate(model, rig.recordings, args.window)
     for line in _table(evaluation):

@@ -100,15 +100,17 @@ def run(args: argparse.Namespace) -> None:
     """Tune, write the model, the numbers and the report, and print a table."""
     from irt.cli.progress import progress_bar
     from irt.files import write_atomic
-    from irt.fitting.chain import without_held_marbles
     from irt.model import save_model
-    from irt.report.tuning_report import untuned, write_tuning_report
     from irt.residual import evaluate
     from irt.rig import load_rig
-    from irt.tuning import tune
 
     options = _options(args)
     rig, notes = rows_for_fit(load_rig(args.rig))
+    # These load scipy and matplotlib: a file that cannot be read is named before.
+    from irt.fitting.chain import without_held_marbles
+    from irt.report.tuning_report import untuned, write_tuning_report
+    from irt.tuning import tune
+
     print_warnings(rig, args.threads)
     training = _announce_training(rig, args) if args.network is None else None
     folder = args.out or Path(f"irt-tune-{args.rig.resolve().name}")

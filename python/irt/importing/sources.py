@@ -69,15 +69,16 @@ def detect(path: Path, *, mapped: bool = False) -> Kind:
         if (path / "states.csv").is_file():
             return "tag"
         if not list(path.glob("*.db3")) + list(path.glob("*.mcap")):
-            raise IrtError(f"{path}: neither a bag (metadata.yaml, *.db3, *.mcap) nor a TAG folder; {ask}")
+            files = "name its CSV files one by one" if list(path.glob("*.csv")) else ask
+            raise IrtError(f"{path}: neither a bag (metadata.yaml, *.db3, *.mcap) nor a TAG folder; {files}")
         return _of_topics(path, ask)
     if not path.exists():
         raise IrtError(f"{path}: no such file; give a bag, a folder, a CSV or an NPZ file of the log")
-    if path.suffix == ".npz":
+    if path.suffix.lower() == ".npz":
         return "cyberrunner"
-    if path.suffix == ".csv":
+    if path.suffix.lower() == ".csv":
         return "csv" if mapped else _of_columns(path, ask)
-    return _of_topics(path, ask) if path.suffix == ".db3" else _of_file(path, ask)
+    return _of_topics(path, ask) if path.suffix.lower() == ".db3" else _of_file(path, ask)
 
 
 def lab_of(path: Path, kind: Kind) -> Lab:
@@ -86,7 +87,7 @@ def lab_of(path: Path, kind: Kind) -> Lab:
         return TAG
     if kind == "csv":
         return ANY
-    return {".npz": REPLAY, ".csv": WITHOUT_ROS}.get(path.suffix, CYBERRUNNER)
+    return {".npz": REPLAY, ".csv": WITHOUT_ROS}.get(path.suffix.lower(), CYBERRUNNER)
 
 
 def read_log(path: Path, kind: Kind, reading: Reading, progress: Progress | None = None) -> Log:
@@ -102,12 +103,12 @@ def read_log(path: Path, kind: Kind, reading: Reading, progress: Progress | None
     if path.is_dir() and kind == "tag" and (path / "states.csv").exists():
         states, commands, notes = tables.read_tag_folder(path)
         return _log(path, lab, reading, states, commands, notes=notes)
-    if path.suffix == ".npz":
+    if path.suffix.lower() == ".npz":
         states, episodes = tables.read_replay(path)
         states["t_s"] = np.arange(len(episodes)) / lab.rate
         notes = (f"a replay has no stamps: rows are assumed to be 1/{lab.rate:g} s apart",)
         return _log(path, lab, reading, states, states, episodes=episodes, notes=notes, stamped=False)
-    if path.suffix == ".csv" or (kind == "csv" and path.is_file()):
+    if path.suffix.lower() == ".csv" or (kind == "csv" and path.is_file()):
         states = tables.read_columns(path)
         if kind != "cyberrunner":
             return _log(path, lab, reading, states, states)
@@ -129,7 +130,10 @@ def _of_columns(path: Path, ask: str) -> Kind:
         return "cyberrunner"
     if set(MARBLE) <= columns:
         return "csv"
-    raise IrtError(f"{path}: columns of no known lab ({', '.join(sorted(columns))}); {ask}")
+    raise IrtError(
+        f"{path}: columns of no known lab ({', '.join(sorted(columns))}); name them with --map, such as "
+        f"--map marble_x=xb/0.276, or {ask}"
+    )
 
 
 def _of_file(path: Path, ask: str) -> Kind:

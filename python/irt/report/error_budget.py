@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from irt.diagnosis.budget import REST, TRACKER
 from irt.diagnosis.result import UNLISTED, Diagnosis, Remains
 from irt.report.words import percent, plain, share
@@ -96,13 +98,22 @@ def remainder(diagnosis: Diagnosis) -> Iterator[str]:
         else:
             yield (
                 "The residuals of a fit to all runs are close to noise. This error comes from tracker "
-                "outliers, and from parameters that the other runs leave uncertain."
+                "outliers, or from something that only the held-out run shows."
             )
+        if (name := _worst_run(diagnosis)) is not None:
+            yield f"Most of the error is in {name}: look at that run."
     if found.floor_of_the_log > 0.0:
         yield (
             f"Even a perfect simulator would have an error of {percent(found.floor_of_the_log)} of the edge, "
             "from tracker noise and uncertain start states."
         )
+
+
+def _worst_run(diagnosis: Diagnosis) -> str | None:
+    """Return the one of several runs with more than half of the squared held-out error; None if none has."""
+    squares = {one.recording: float(np.nansum((one.final - one.observed) ** 2)) for one in diagnosis.runs}
+    half = sum(squares.values()) / 2.0
+    return next((name for name, own in squares.items() if len(squares) > 2 and own > half), None)
 
 
 def _amount(diagnosis: Diagnosis, found: Remains) -> str:

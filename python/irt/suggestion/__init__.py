@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,7 @@ from irt.fitting.fit import Progress
 from irt.fitting.least_squares import stamped_time_scale
 from irt.fitting.problem import tracker_noise
 from irt.model import Model
-from irt.recording import save_recording
+from irt.recording import KNOBS, save_recording
 from irt.rig import Rig, as_rig
 from irt.segments import segments
 from irt.suggestion.criterion import Criterion
@@ -65,6 +65,8 @@ class Suggestion:
         Number of excitations compared.
     sentences : tuple of str
         What to record and why, in sentences.
+    columns : {("knob_x_rad", "knob_y_rad"), ("cmd_x", "cmd_y")}
+        Names of the columns of the commands.
     """
 
     commands: Array
@@ -81,6 +83,7 @@ class Suggestion:
     at_wall: float
     tried: int
     sentences: tuple[str, ...]
+    columns: tuple[str, str] = KNOBS
 
     def plot(self) -> Figure:
         """Draw the commands over time; return a matplotlib figure."""
@@ -107,7 +110,7 @@ class Suggestion:
         """
         marble = np.full_like(self.commands, np.nan)
         marble[0] = self.start
-        save_recording(path, self.commands, marble, self.stamps)
+        save_recording(path, self.commands, marble, self.stamps, columns=self.columns)
 
 
 @arguments.entry
@@ -175,7 +178,7 @@ def suggest(
     )
     recorded = as_recorded(rig, limits)
     found = Search(criterion, rig, limits, seed, progress).run(recorded)
-    return _suggestion(criterion, limits, found, recorded)
+    return replace(_suggestion(criterion, limits, found, recorded), columns=rig.recordings[0].columns)
 
 
 def _probabilities(probabilities: Sequence[float] | None, count: int) -> Array:

@@ -128,7 +128,10 @@ class Criterion:
 
     def stamps(self, rows: int) -> Array | None:
         """Return the time of each row (n,) [s]; None without stamps."""
-        return None if self.step_s is None else np.arange(rows, dtype=np.float64) * self.step_s
+        if self.step_s is None:
+            return None
+        # To the microsecond, as `irt drive` writes them: a file for people has no rounding errors.
+        return (np.arange(rows, dtype=np.float64) * self.step_s).round(6)
 
     @property
     def pairs(self) -> list[tuple[int, int]]:

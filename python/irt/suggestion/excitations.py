@@ -66,6 +66,7 @@ class Limits:
             rows=max(2, int(np.median([len(one) for one in knobs]))),
             step_s=step_s,
             starts=_starts(rig),
+            unit=rig.commands.unit,
         )
 
     def lasting(self, rows: float) -> str:

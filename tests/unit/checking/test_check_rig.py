@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import irt
-from irt.checking import check
+from irt.checking import check, page
 from irt.engine import rollouts
 from irt.errors import IrtError
-from irt.recording import Recording
-from irt.rig import load_rig
+from irt.recording import CMD, Recording
+from irt.rig import Commands, load_rig
 from simulated_rigs import NOISE, STEP_S, TRUTH, rig_of
 
 
@@ -86,8 +86,11 @@ def test_commands_that_never_change_are_an_error(make_rig):
 
 def test_too_few_rows_are_an_error():
     run = Recording("a", Path("a.csv"), np.eye(3, 2), np.eye(3, 2) * 0.1)
+    found = check(rig_of([run]))
     with pytest.raises(IrtError, match="3 rows"):
-        check(rig_of([run])).require()
+        found.require()
+    assert [(one.noise, one.moves) for one in found.signals] == [(None, True)] * 2
+    assert "never moves" not in page(found)
 
 
 def test_a_short_run_among_others_is_a_warning(make_rig):
@@ -234,3 +237,13 @@ def test_practice_and_real_rigs_raise_no_alarm(shared):
         found = check(load_rig(path))
         assert warned(found) == [], path.name
         assert all(one.best == "" for one in found.responses), path.name
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(2000.0, 1), (1.0, 0)])
+def test_commands_that_are_no_angles_hide_effects_at_the_knob(make_rig, factor, expected):
+    rig = make_rig()
+    runs = tuple(replace(one, knobs=factor * one.knobs, columns=CMD) for one in rig.recordings)
+    ranges = {**rig.ranges, "gear_x": (-1.0, 1.0), "gear_y": (-1.0, 1.0)}
+    found = check(replace(rig, recordings=runs, commands=Commands("us"), ranges=ranges)).findings
+    notes = [one for one in found if "effects at the knob are searched for at angles" in one.what]
+    assert [one.where for one in notes] == ["cmd_x and cmd_y"] * expected

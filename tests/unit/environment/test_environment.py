@@ -187,6 +187,7 @@ def test_without_autoreset_the_caller_resets():
         envs.step(STILL)
 
 
+@pytest.mark.slow
 def test_pictures_show_the_marble_in_its_middle():
     env = LabyrinthEnv(PLAIN, observation="pictures", render_mode="rgb_array", noise=0.0)
     seen, _ = env.reset(seed=0)

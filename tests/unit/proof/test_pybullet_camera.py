@@ -70,6 +70,7 @@ def test_every_sensing_physics_is_in_the_picture() -> None:
     } == known
 
 
+@pytest.mark.slow
 def test_tracker_sees_the_marble_to_a_third_of_a_millimetre() -> None:
     spec = spec_with({"name": "perspective", **SENSING["perspective"]})
     played = some(spec.play(0), 4)

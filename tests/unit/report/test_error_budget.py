@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
-from irt.diagnosis.result import Remains, Share
+from irt.diagnosis.result import Remains, RunProof, Share
 from irt.report import style
 from irt.report.budget_plots import plot_budget
 from irt.report.error_budget import bars, remainder
@@ -87,7 +88,7 @@ def test_the_same_parts_have_the_same_colour_in_each_bar(tmp_path, diagnosis, dr
             "a better model could still explain it",
             "No dependence on anything",
         ),
-        (Remains(0.3, None, False, 0.002), "the other runs leave uncertain", "It arises"),
+        (Remains(0.3, None, False, 0.002), "something that only the held-out run shows", "It arises"),
         (Remains(0.001, "board", False, 0.002), "Less than 1 %", "It arises"),
     ],
 )
@@ -96,6 +97,24 @@ def test_what_remains_in_sentences(diagnosis, remains, said, unsaid):
     assert said in text
     assert unsaid not in text
     assert "would have an error of 0.20" in text
+
+
+def test_a_run_with_most_of_the_error_is_named(diagnosis):
+    remains = Remains(0.3, None, False, 0.002)
+
+    def runs(*errors):
+        seen = np.zeros((10, 2))
+        seen[3] = np.nan
+        model = diagnosis.model
+        return tuple(
+            RunProof(f"run-{number}", np.arange(10.0), seen, seen, seen + error, error, error, model, model)
+            for number, error in enumerate(errors)
+        )
+
+    text = " ".join(remainder(replace(diagnosis, remains=remains, runs=runs(0.01, 0.02, 0.01))))
+    assert "Most of the error is in run-1: look at that run." in text
+    text = " ".join(remainder(replace(diagnosis, remains=remains, runs=runs(0.01, 0.01, 0.01))))
+    assert "Most of the error" not in text
 
 
 def test_nothing_remains_to_be_said_where_nothing_was_held_out(diagnosis):

@@ -11,8 +11,8 @@ from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.fitting.least_squares import least_squares
 from irt.model import Effect, Model
-from irt.recording import Recording, load_commands
-from irt.rig import RANGES, Board, Marble, Rig
+from irt.recording import CMD, Recording, load_commands
+from irt.rig import RANGES, Board, Commands, Marble, Rig
 from irt.suggestion import Suggestion, suggest
 from irt.suggestion.excitations import FAMILIES, GENES, Limits, as_recorded, draw
 
@@ -237,7 +237,24 @@ def test_recordings_with_stamps_get_commands_with_stamps(tmp_path: Path) -> None
     np.testing.assert_array_equal(back.knobs, found.commands)
     np.testing.assert_array_equal(back.start, found.start)
     assert back.stamps is not None
-    np.testing.assert_allclose(back.stamps, stamps)
+    np.testing.assert_allclose(back.stamps, stamps, atol=1e-6)  # as written, to the microsecond
+
+
+@pytest.mark.usefixtures("quick")
+def test_commands_in_the_rigs_own_unit_are_suggested_in_it(tmp_path: Path) -> None:
+    rig = rig_with()
+    runs = tuple(dataclasses.replace(one, knobs=2000.0 * one.knobs, columns=CMD) for one in rig.recordings)
+    ranges = {**rig.ranges, "gear_x": (0.0, 5e-5), "gear_y": (0.0, 5e-5)}
+    rig = dataclasses.replace(rig, recordings=runs, commands=Commands("us"), ranges=ranges)
+    values = (VALUES[0] / 2000.0, VALUES[1] / 2000.0, *VALUES[2:])
+    models = [Model.from_rig(rig, values, effects=(one,), time_step="continuous") for one in (LAG, DELAY)]
+    found = suggest(rig, models, NOISE, threads=1)
+    assert " us" in found.sentences[0]
+    found.save(tmp_path / "suggest.csv")
+    back = load_commands(tmp_path / "suggest.csv")
+    assert back.columns == CMD
+    np.testing.assert_array_equal(back.knobs, found.commands)
+    assert np.abs(back.knobs).max() <= max(np.abs(one.knobs).max() for one in runs)
 
 
 @pytest.mark.usefixtures("quick")

@@ -18,6 +18,7 @@ BOX = Box(18, 8, 222, 172)
 WHITER = tuple(one + 10 for one in BOARD)
 
 
+@pytest.mark.slow
 def test_a_marble_ten_levels_brighter_is_followed() -> None:
     places = path(24)
     pictures = [rendered(place, noise=1.5, seed=index, colour=WHITER) for index, place in enumerate(places)]

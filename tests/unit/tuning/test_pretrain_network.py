@@ -111,6 +111,7 @@ def test_the_file_says_what_made_it(small_drive, recipe, tmp_path):
     assert len(read.training) == len(read.heldout) == 12
 
 
+@pytest.mark.slow
 def test_training_learns(small_drive, recipe, tmp_path):
     made = pretrain(small_drive, tmp_path / "net", recipe(pairs=600, epochs=20))
     # Always saying "no difference" has the loss of a difference of two uniform numbers, 1/6.
