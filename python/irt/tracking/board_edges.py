@@ -45,6 +45,8 @@ ALIKE = 8.0
 ENOUGH = 0.6
 #: An edge that is off by more than so much is covered [pixels]: repeated edges scatter by a tenth.
 COVERED = 0.3
+#: The same for steps, which are known to half a pixel, about a line that the tilt has turned.
+ROUGHLY = 1.0
 #: A point that is off its side's curve by more than so much is not of it [pixels]: a grain moves it by half.
 OFF = 1.0
 #: Rounds in which a straight line is laid through a side, and then a bent one.
@@ -119,9 +121,22 @@ def _one_colour(profiles: Array, colours: NDArray[np.int64]) -> Array:
     return np.asarray(profiles[np.arange(len(profiles)), :, colours])
 
 
-def _roughly(profiles: Array, far: float) -> Array:
+def _steps(profiles: Array) -> Array:
+    """Return by how much profiles (n, samples) fall about each place (n, samples - 2 `BLURRED`)."""
+    return np.asarray(profiles[:, : -2 * BLURRED] - profiles[:, 2 * BLURRED :])
+
+
+def _directions(profiles: Array) -> Array:
+    """Return whether each point's side falls from inside to outside, 1, or rises, -1 (n,)."""
+    steps = _steps(profiles)
+    best = np.argmax(np.abs(steps) * _near(steps.shape[1]), axis=1)
+    sides = steps[np.arange(len(steps)), best].reshape(4, -1)
+    return np.repeat(np.where(np.median(sides, axis=1) < 0.0, -1.0, 1.0), sides.shape[1])
+
+
+def _roughly(profiles: Array, directions: Array, far: float) -> Array:
     """Return how far outside the likeliest step of each profile (n, samples) is (n,) [pixels]."""
-    steps = np.abs(profiles[:, 2 * BLURRED :] - profiles[:, : -2 * BLURRED])
+    steps = directions[:, None] * _steps(profiles)
     best = np.argmax(steps * _near(steps.shape[1]), axis=1)
     there = steps[np.arange(len(steps)), best] > LEAST_LEVELS
     return np.where(there, (best + BLURRED) * 2.0 * far / STEPS - far, np.nan)
@@ -144,7 +159,11 @@ def _even_parts(profiles: Array) -> NDArray[np.bool_]:
         for end, way in enumerate((-1, 1)):
             along = slope[middle::way] / max(height, 1e-9)
             falls = np.flatnonzero(along < LEVEL)
-            first = int(falls[0]) if len(falls) else int(np.argmin(along))
+            first = int(falls[0]) if len(falls) else len(along)
+            # Where two steps are near each other, none of the light between them is even.
+            rises = np.flatnonzero(np.diff(along) > 0.0)
+            rises = rises[rises > 1]
+            first = min(first, int(rises[0])) if len(rises) else min(first, len(along) - 1)
             rises = np.flatnonzero(along[first:] > ANOTHER)
             last = first + int(rises[0]) if len(rises) else len(along)
             part = middle + way * np.arange(max(first, last - ENDS), last)
@@ -188,11 +207,14 @@ def _smoothed(offsets: Array) -> Array:
 
 def _lines(offsets: Array) -> Array:
     """Return the lines (v, 4 `POINTS`) through sides' points, where there are any."""
-    return _curves(offsets, (2,) * STRAIGHT)
+    return _curves(offsets, (2,) * STRAIGHT, ROUGHLY)
 
 
-def _curves(offsets: Array, rounds: tuple[int, ...]) -> Array:
-    """Return polynomials of so many terms, round by round, through offsets of sides' points (v, 4 `POINTS`)."""
+def _curves(offsets: Array, rounds: tuple[int, ...], covered: float = COVERED) -> Array:
+    """Return polynomials of so many terms, round by round, through offsets of sides' points (v, 4 `POINTS`).
+
+    A point that is off by more than `covered` is let go of [pixels].
+    """
     sides = offsets.reshape(-1, POINTS)
     seen = np.isfinite(sides)
     known = np.where(seen, sides, 0.0)
@@ -201,7 +223,7 @@ def _curves(offsets: Array, rounds: tuple[int, ...]) -> Array:
     middle = [np.median(side[there]) if there.any() else 0.0 for side, there in zip(sides, seen, strict=True)]
     laid = np.array(middle)[:, None] + np.zeros(POINTS)
     for terms in rounds:
-        weights = seen / (1.0 + ((known - laid) / COVERED) ** 2) ** 2
+        weights = seen / (1.0 + ((known - laid) / covered) ** 2) ** 2
         design = powers[:terms]
         normal = np.einsum("sp,ip,jp->sij", weights, design, design) + 1e-6 * np.eye(terms)
         right = np.einsum("sp,ip,sp->si", weights, design, known)
@@ -235,12 +257,17 @@ class BoardEdges:
         self.missed = 0
         self._residuals = np.zeros((3, 4 * POINTS))
         self._slopes: Array | None = None
+        begin: Array | None = None
         for _ in range(2):
             self._places = sides = _Sides.of(self.corners, lens)
+            start = np.zeros(4 * POINTS)
+            if begin is not None:
+                start = ((begin - sides.points) * sides.normals).sum(axis=1)
             colours = [sides.profiles(picture) for picture in pictures]
             self._colours = _clearest(np.array(colours))
-            steps = [_roughly(_one_colour(one, self._colours), sides.far) for one in colours]
-            shifts = _lines(np.array(steps))
+            self._directions = _directions(_one_colour(sides.profiles(pictures[0], start), self._colours))
+            shifts = self._roughly_in_turn(sides, pictures, start)
+            begin = sides.points + shifts[0][:, None] * sides.normals
             profiles = np.array(
                 [
                     _one_colour(sides.profiles(picture, shift), self._colours)
@@ -261,6 +288,32 @@ class BoardEdges:
                 # Lines that left what was found were laid through something else.
                 self.corners, self.error_px = corners, FAR
                 return
+
+    def _roughly_in_turn(self, sides: _Sides, pictures: Sequence[Picture], start: Array) -> Array:
+        """Return where sides' points roughly are in pictures in the order of time (v, n) [pixels].
+
+        From one picture to the next a side moves less than from one of its steps to another. `start` (n,) is
+        where they are in the first picture.
+        """
+        shifts, last = [], start
+        for picture in pictures:
+            last = self._lines_about(picture, sides, last)
+            shifts.append(last)
+        return np.array(shifts)
+
+    def _lines_about(self, picture: Picture, sides: _Sides, shifts: Array) -> Array:
+        """Return lines (n,) through the likeliest steps about shifts (n,) [pixels].
+
+        A side that is covered, or nowhere near, stays where it was.
+        """
+        for _ in range(2):
+            profiles = _one_colour(sides.profiles(picture, shifts), self._colours)
+            steps = _roughly(profiles, self._directions, sides.far)
+            lines = _lines(steps[None])[0]
+            seen = np.isfinite(steps).reshape(4, POINTS).mean(axis=1) >= ENOUGH
+            near = np.abs(shifts + lines).reshape(4, POINTS).max(axis=1) < 2.0 * sides.far
+            shifts = shifts + np.where(np.repeat(seen & near, POINTS), lines, 0.0)
+        return shifts
 
     def _refine(self, sides: _Sides, offsets: Array) -> None:
         """Lay lines through the sides' points."""
@@ -290,19 +343,19 @@ class BoardEdges:
 
     def stand(self, picture: Picture) -> bool:
         """Return whether the sides are in a picture where they were in the sample."""
-        return bool(np.isfinite(self._offsets(picture)).mean() >= ENOUGH)
+        offsets = self._offsets(picture, np.zeros(len(self._places.points)), rough=True)
+        return bool(np.isfinite(offsets).mean() >= ENOUGH)
 
-    def _offsets(self, picture: Picture, shifts: Array | None = None) -> Array:
+    def _offsets(self, picture: Picture, about: Array, *, rough: bool) -> Array:
         """Return how far outside of its place each point's edge is in a picture (n,) [pixels].
 
-        `shifts` (n,) is where it is looked for, by default at the likeliest steps.
+        `about` (n,) is where it is looked for; `rough` where that is not known to a pixel.
         """
         sides = self._places
-        if shifts is None:
-            steps = _roughly(_one_colour(sides.profiles(picture), self._colours), sides.far)
-            shifts = _lines(steps[None])[0]
-        profiles = _one_colour(sides.profiles(picture, shifts), self._colours)
-        return np.asarray(shifts + _crossings(profiles, sides.far, self._even))
+        if rough:
+            about = self._lines_about(picture, sides, about)
+        profiles = _one_colour(sides.profiles(picture, about), self._colours)
+        return np.asarray(about + _crossings(profiles, sides.far, self._even))
 
     def watch(self, level: Geometry, size: Size) -> bool:
         """Begin to measure the tilt; return whether the sides say it, which they do for a calibrated lens."""
@@ -345,8 +398,9 @@ class BoardEdges:
         if slopes is None:
             return None
         # A board moves little from picture to picture.
-        for shifts in (slopes @ self._tilt, None):
-            offsets = self._offsets(picture, shifts)
+        last = slopes @ self._tilt
+        for about, rough in ((last, False), (last, True), (np.zeros_like(last), True)):
+            offsets = self._offsets(picture, about, rough=rough)
             laid = _tilted(slopes, offsets)
             if laid is not None:
                 break

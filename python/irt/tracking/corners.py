@@ -18,8 +18,11 @@ from irt.tracking.opencv import opencv
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-#: Least difference in brightness that is a side of the board [levels].
-LEAST_LEVELS = 25.0
+#: Least difference that is a side of the board [levels], over so many quarters of a pixel to either side.
+LEAST_LEVELS, BLURRED = 12.0, 6
+#: How far a side is from the rough one (standard deviation) [pixels]: of two steps it is the nearer one,
+#: unless that is much lower.
+ROUGH = 1.5
 #: A board fills at least this share of the picture.
 LEAST_SHARE = 0.04
 #: Its outline fills its four corners' quadrangle at least so far: nothing large stands out or lies over it.
@@ -225,17 +228,22 @@ def _edge(grey: Any, start: Array, end: Array, lens: Lens | None) -> tuple[Array
     way = end - start
     normal = np.array([way[1], -way[0]]) / np.hypot(*way)
     offsets = np.arange(-4.0, 4.01, 0.25)
+    near = np.exp(-0.5 * (offsets[BLURRED:-BLURRED] / ROUGH) ** 2)
     found = []
     for part in np.linspace(0.08, 0.92, 80):
         points = start + part * way + offsets[:, None] * normal
         levels = _read(grey, points)
-        halfway = 0.5 * (levels[:6].mean() + levels[-6:].mean())
-        falls = np.nonzero((levels[:-1] - halfway) * (levels[1:] - halfway) <= 0.0)[0]
-        if len(falls) and abs(levels[0] - levels[-1]) > LEAST_LEVELS:
-            first = falls[np.argmin(np.abs(offsets[falls]))]
-            step = levels[first + 1] - levels[first]
-            at = offsets[first] + 0.25 * (halfway - levels[first]) / (step or 1.0)
-            found.append(start + part * way + at * normal)
+        # A printed line beside a side, or the end of a shadow, is another step.
+        steps = np.abs(levels[2 * BLURRED :] - levels[: -2 * BLURRED])
+        best = int(np.argmax(steps * near))
+        if steps[best] < LEAST_LEVELS:
+            continue
+        own = levels[best : best + 2 * BLURRED + 1]
+        halfway = 0.5 * (own[0] + own[-1])
+        first = best + int(np.nonzero((own[:-1] - halfway) * (own[1:] - halfway) <= 0.0)[0][0])
+        step = levels[first + 1] - levels[first]
+        at = offsets[first] + 0.25 * (halfway - levels[first]) / (step or 1.0)
+        found.append(start + part * way + at * normal)
     if len(found) < 10:
         raise IrtError("a side of the board is not clear in the picture: give it light, or a darker ground")
     return fit_line(np.array(found), lens)
