@@ -6,6 +6,7 @@ Pixels are counted from the middle of the first one, to the right and down.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,10 @@ TURNED = 1.04
 MISSHAPEN, NEARER = 0.0015, 0.5
 #: Beyond this, no lens accounts for it: one whose middle is off by 20 pixels makes 0.001 to 0.004.
 HOPELESS = 0.0045
+#: Levels that may outline a board, as quantiles of a picture's; how many must agree, their corners within so
+#: many pixels: a shadow's end and the marble's path move with the level, a board does not.
+LEVELS = np.linspace(0.05, 0.95, 31)
+AGREEING, SAME_PX = 3, 4.0
 #: Widths of rims that may explain an outline [board edges].
 RIMS = np.arange(1, 21) * 0.004
 
@@ -89,10 +94,59 @@ def find_corners(
         except IrtError as error:
             reasons.append(error)
             continue
-        sides = [_edge(smooth, rough[side], rough[(side + 1) % 4], lens) for side in range(4)]
-        corners = np.array([meet(sides[side - 1], sides[side]) for side in range(4)])
-        return corners if lens is None else lens.bent(corners)
+        return _exact(smooth, rough, lens)
     raise reasons[0]
+
+
+def find_corners_at_levels(picture: Picture, lens: Lens | None, size: Size | None) -> Array:
+    """Return the board's corners as `find_corners`, of the quadrangle that most levels show.
+
+    On a table that a lamp lights unevenly, or under glare, no one level separates a board. A board is what
+    many levels of several colours outline alike.
+
+    Parameters
+    ----------
+    picture : (h, w, 3) uint8 array
+        Blue first, with little noise, such as the median of a sample.
+    lens, size
+        As of `find_corners`.
+
+    Raises
+    ------
+    IrtError
+        If fewer than `AGREEING` levels do.
+    """
+    cv2 = opencv()
+    smooth = cv2.GaussianBlur(picture, (5, 5), 0)
+    planes = [*cv2.split(smooth), cv2.cvtColor(smooth, cv2.COLOR_BGR2HSV)[:, :, 1]]
+    found: list[tuple[Array, Any]] = []
+    for plane in planes:
+        for level in np.unique(np.quantile(plane[::4, ::4], LEVELS).astype(int)):
+            bright = np.where(plane > level, 255, 0).astype(np.uint8)
+            for mask in (bright, 255 - bright):
+                outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+                for outline in outlines:
+                    if cv2.contourArea(outline) > LEAST_SHARE * mask.size:
+                        with suppress(IrtError):
+                            found.append((_board_outline(outline, mask, size), plane))
+    alike = [
+        [other for other in found if np.abs(other[0] - one[0]).max() < SAME_PX] for one in found
+    ]
+    best = max(alike, key=len, default=[])
+    if len(best) < AGREEING:
+        raise IrtError("no quadrangle that several levels outline")
+    rough = np.median([corners for corners, _ in best], axis=0)
+    for plane in sorted({id(plane): plane for _, plane in best}.values(), key=lambda one: -float(one.std())):
+        with suppress(IrtError):
+            return _exact(plane, rough, lens)
+    raise IrtError("a side of the board is not clear in the picture: give it light, or a darker ground")
+
+
+def _exact(plane: Any, rough: Array, lens: Lens | None) -> Array:
+    """Return the corners (4, 2) in which lines through the sides of a rough quadrangle meet [pixels]."""
+    sides = [_edge(plane, rough[side], rough[(side + 1) % 4], lens) for side in range(4)]
+    corners = np.array([meet(sides[side - 1], sides[side]) for side in range(4)])
+    return corners if lens is None else lens.bent(corners)
 
 
 def _quadrangle(mask: Any, size: Size | None) -> Array:

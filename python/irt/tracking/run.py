@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -20,6 +21,7 @@ from irt.tracking.corners import (
     TwoBoardsError,
     checked,
     find_corners,
+    find_corners_at_levels,
     mean_side,
     misshapen,
     ordered,
@@ -282,6 +284,9 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str, b
         if marked is not None:
             return marked, "the outer corners of markers 0 to 3", False
     if not outlines:
+        with suppress(IrtError):
+            found = ordered(find_corners_at_levels(middle, question.lens, question.size), question.size)
+            return found, "found at several levels of the median of the pictures", True
         raise IrtError(f"{reasons[0]}; --corners X,Y X,Y X,Y X,Y says where they are")
     # The outline of a rim is nearly of the board's shape: another is the board's if it is much nearer.
     best = min(outlines, key=lambda one: one[0])
