@@ -29,15 +29,16 @@ POINTS, FIRST, LAST = 48, 0.06, 0.94
 FAR, LENGTH, STEPS = 5.0, 330.0, 20
 #: Samples on each side of an edge that say what is inside and outside.
 ENDS = 4
-#: Least difference of these [levels]: with noise of 4 levels and a blur of 2 pixels, a point of such an edge is
-#: known to 0.7 pixels, and a line through a side to 0.3.
+#: Least difference of these [levels]: with noise of 4 levels and a blur of 2 pixels, a point of such an edge
+#: is known to 0.7 pixels, and a line through a side to 0.3.
 LEAST_LEVELS = 12.0
 #: Samples on each side of a step over which its height is measured: a lens blurs it over 2 pixels.
 BLURRED = 3
-#: How far a side is from where it was found, or in the picture before (standard deviation) [pixels of a side of
-#: `LENGTH`]: of two steps it is the one nearer to that, unless that is much lower.
+#: How far a side is from where it was found, or in the picture before (standard deviation) [pixels of a side
+#: of `LENGTH`]: of two steps it is the one nearer to that, unless that is much lower.
 ROUGH = 1.5
-#: Slope of a profile, over that of its edge, from which on another step begins, and below which the edge ends.
+#: Slope of a profile, over that of its edge, from which on another step begins, and below which the edge
+#: ends.
 ANOTHER, LEVEL = 0.25, 0.15
 #: Points of a side that err alike: they share the grain, and blocks of a compression.
 ALIKE = 8.0

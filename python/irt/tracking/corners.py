@@ -129,9 +129,7 @@ def find_corners_at_levels(picture: Picture, lens: Lens | None, size: Size | Non
                     if cv2.contourArea(outline) > LEAST_SHARE * mask.size:
                         with suppress(IrtError):
                             found.append((_board_outline(outline, mask, size), plane))
-    alike = [
-        [other for other in found if np.abs(other[0] - one[0]).max() < SAME_PX] for one in found
-    ]
+    alike = [[other for other in found if np.abs(other[0] - one[0]).max() < SAME_PX] for one in found]
     best = max(alike, key=len, default=[])
     if len(best) < AGREEING:
         raise IrtError("no quadrangle that several levels outline")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -258,35 +257,42 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str, b
     if question.corners is not None:
         return checked(question.corners, question.size), "given", False
     first, middle = pictures[0], np.median(np.stack(pictures), axis=0).astype(np.uint8)
-    ways = (
-        (first, False, "found in the first picture"),
-        (middle, False, "found in the median of the pictures"),
-        (first, True, "found in the first picture by their colour"),
-        (middle, True, "found in the median of the pictures by their colour"),
+    lens, size = question.lens, question.size
+    ways: tuple[tuple[Callable[[], Array], bool, str], ...] = (
+        (lambda: find_corners(first, lens, size), False, "found in the first picture"),
+        (lambda: find_corners(middle, lens, size), True, "found in the median of the pictures"),
+        (
+            lambda: find_corners(first, lens, size, by_colour=True),
+            False,
+            "found in the first picture by their colour",
+        ),
+        (
+            lambda: find_corners(middle, lens, size, by_colour=True),
+            True,
+            "found in the median of the pictures by their colour",
+        ),
+        (
+            lambda: find_corners_at_levels(middle, lens, size),
+            True,
+            "found in the median of the pictures at several levels",
+        ),
     )
     reasons, outlines = [], []
-    for picture, by_colour, words in ways:
+    for find, mean, words in ways:
         try:
-            found = ordered(
-                find_corners(picture, question.lens, question.size, by_colour=by_colour), question.size
-            )
+            found = ordered(find(), size)
         except TwoBoardsError:
             raise
         except IrtError as error:
             reasons.append(error)
         else:
-            outlines.append(
-                (misshapen(found, question.lens, question.size), (found, words, picture is middle))
-            )
+            outlines.append((misshapen(found, lens, size), (found, words, mean)))
             if outlines[0][0] < MISSHAPEN:
                 break
         marked = corners_by_markers(first) if len(reasons) + len(outlines) == 1 else None
         if marked is not None:
             return marked, "the outer corners of markers 0 to 3", False
     if not outlines:
-        with suppress(IrtError):
-            found = ordered(find_corners_at_levels(middle, question.lens, question.size), question.size)
-            return found, "found at several levels of the median of the pictures", True
         raise IrtError(f"{reasons[0]}; --corners X,Y X,Y X,Y X,Y says where they are")
     # The outline of a rim is nearly of the board's shape: another is the board's if it is much nearer.
     best = min(outlines, key=lambda one: one[0])
