@@ -94,7 +94,7 @@ class Scene:
     geometry : Plane or Pose
         Of the level board.
     markers : Markers or None
-        Those on the board, where they tell its tilt.
+        Those on the board, where they show its tilt.
     edges : BoardEdges or None
         The board's sides, where they show its tilt.
     texture : BoardTexture or None
