@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -258,35 +259,26 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str, b
         return checked(question.corners, question.size), "given", False
     first, middle = pictures[0], np.median(np.stack(pictures), axis=0).astype(np.uint8)
     lens, size = question.lens, question.size
-    ways: tuple[tuple[Callable[[], Array], bool, str], ...] = (
-        (lambda: find_corners(first, lens, size), False, "found in the first picture"),
-        (lambda: find_corners(middle, lens, size), True, "found in the median of the pictures"),
-        (
-            lambda: find_corners(first, lens, size, by_colour=True),
-            False,
-            "found in the first picture by their colour",
-        ),
-        (
-            lambda: find_corners(middle, lens, size, by_colour=True),
-            True,
-            "found in the median of the pictures by their colour",
-        ),
-        (
-            lambda: find_corners_at_levels(middle, lens, size),
-            True,
-            "found in the median of the pictures at several levels",
-        ),
+    by_light = partial(find_corners, lens=lens, size=size)
+    by_colour = partial(by_light, by_colour=True)
+    at_levels = partial(find_corners_at_levels, lens=lens, size=size)
+    ways = (
+        (by_light, first, "found in the first picture"),
+        (by_light, middle, "found in the median of the pictures"),
+        (by_colour, first, "found in the first picture by their colour"),
+        (by_colour, middle, "found in the median of the pictures by their colour"),
+        (at_levels, middle, "found in the median of the pictures at several levels"),
     )
     reasons, outlines = [], []
-    for find, mean, words in ways:
+    for find, picture, words in ways:
         try:
-            found = ordered(find(), size)
+            found = ordered(find(picture), size)
         except TwoBoardsError:
             raise
         except IrtError as error:
             reasons.append(error)
         else:
-            outlines.append((misshapen(found, lens, size), (found, words, mean)))
+            outlines.append((misshapen(found, lens, size), (found, words, picture is middle)))
             if outlines[0][0] < MISSHAPEN:
                 break
         marked = corners_by_markers(first) if len(reasons) + len(outlines) == 1 else None
