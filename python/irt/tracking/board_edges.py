@@ -166,7 +166,7 @@ def _even_parts(profiles: Array) -> NDArray[np.bool_]:
             rises = rises[rises > 1]
             first = min(first, int(rises[0])) if len(rises) else min(first, len(along) - 1)
             rises = np.flatnonzero(along[first:] > ANOTHER)
-            last = first + int(rises[0]) if len(rises) else len(along)
+            last = first + max(int(rises[0]), 1) if len(rises) else len(along)
             part = middle + way * np.arange(max(first, last - ENDS), last)
             chosen[side, end, part] = True
     return chosen
