@@ -112,7 +112,8 @@ def _lamps(random: np.random.Generator) -> tuple[Lamp, ...]:
     for name in ("lamp", "second")[: 1 + int(random.random() < 0.5)]:
         side, height = random.uniform(0, 2 * np.pi), np.radians(random.uniform(35, 75))
         away = random.uniform(0.7, 1.2)
-        place = away * np.array([np.cos(side) * np.cos(height), np.sin(side) * np.cos(height), np.sin(height)])
+        level = np.array([np.cos(side), np.sin(side)]) * np.cos(height)
+        place = away * np.array([*level, np.sin(height)])
         strength = 2.2 * away**2 * (1.0 if name == "lamp" else random.uniform(0.3, 0.9))
         colour = (1.0, random.uniform(0.8, 1.0), random.uniform(0.6, 1.0))
         lamps.append(Lamp(name, place, random.uniform(0.03, 0.1), strength, colour))
