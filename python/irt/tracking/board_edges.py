@@ -264,8 +264,7 @@ class BoardEdges:
             start = np.zeros(4 * POINTS)
             if begin is not None:
                 start = ((begin - sides.points) * sides.normals).sum(axis=1)
-            colours = [sides.profiles(picture) for picture in pictures]
-            self._colours = _clearest(np.array(colours))
+            self._colours = _clearest(np.array([sides.profiles(picture) for picture in pictures]))
             self._directions = _directions(_one_colour(sides.profiles(pictures[0], start), self._colours))
             shifts = self._roughly_in_turn(sides, pictures, start)
             begin = sides.points + shifts[0][:, None] * sides.normals
@@ -345,7 +344,7 @@ class BoardEdges:
     def stand(self, picture: Picture) -> bool:
         """Return whether the sides are in a picture where they were in the sample."""
         offsets = self._offsets(picture, np.zeros(len(self._places.points)), rough=True)
-        return bool(np.isfinite(offsets).mean() >= ENOUGH)
+        return bool((np.abs(offsets) <= self._places.far).mean() >= ENOUGH)
 
     def _offsets(self, picture: Picture, about: Array, *, rough: bool) -> Array:
         """Return how far outside of its place each point's edge is in a picture (n,) [pixels].

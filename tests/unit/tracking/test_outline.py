@@ -103,6 +103,13 @@ def test_a_line_printed_along_the_sides_is_another_step() -> None:
     assert (measured - measured.mean(axis=0) - tilts).std(axis=0).max() < 0.003
 
 
+def test_a_board_that_is_pushed_aside_does_not_stand() -> None:
+    picture = drawn(VIEW, LEVEL, WHITE)
+    edges = BoardEdges([picture] * 3, outline(VIEW, LEVEL), lens_of(VIEW))
+    assert edges.stand(picture)
+    assert not edges.stand(np.roll(picture, (8, 8), axis=(0, 1)))
+
+
 def test_a_board_beside_a_lit_part_of_the_table_is_found_at_several_levels() -> None:
     """The one level that brightness or colour is divided at separates the lamp's light from all else."""
     picture = drawn(VIEW, LEVEL, (105, 108, 110), table=(80, 82, 84))
