@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracking.cases import KINDS, LOOKS, LOOKS_FROM, PICTURES, Case, case
+from tracking.mixed import MIXED_FROM, mixed
 from tracking.traced import VARIANT, Traced
 
 RATE = 30.0
@@ -76,11 +77,11 @@ def _break(path: Path, count: int) -> None:
     path.write_bytes(content)
 
 
-def write(number: int, pictures: int, folder: Path, variant: str) -> None:
+def write(number: int, pictures: int, folder: Path, variant: str, samples: float) -> None:
     """Render a run, and write what was shown beside what is true."""
     start = time.monotonic()
-    run = case(number, pictures)
-    traced = Traced(run, variant=variant)
+    run = (mixed if number >= MIXED_FROM else case)(number, pictures)
+    traced = Traced(run, samples, variant)
     folder.mkdir(parents=True, exist_ok=True)
     size = run.view.width, run.view.height
     video = None
@@ -122,16 +123,20 @@ def main() -> None:
         "numbers",
         type=int,
         nargs="+",
-        help=f"runs; their kinds go around {', '.join(KINDS)}, from {LOOKS_FROM} on {', '.join(LOOKS)}",
+        help=f"runs; their kinds go around {', '.join(KINDS)}, from {LOOKS_FROM} on {', '.join(LOOKS)}, "
+        f"from {MIXED_FROM} on drawn independently",
     )
     parser.add_argument("--pictures", type=int, default=PICTURES, help=f"of each run (default: {PICTURES})")
     parser.add_argument("--out", type=Path, required=True, help="folder to write into")
     parser.add_argument(
         "--variant", default=VARIANT, help=f"of Mitsuba; scalar_rgb needs no LLVM (default: {VARIANT})"
     )
+    parser.add_argument(
+        "--samples", type=float, default=1.0, help="share of the usual samples to a pixel (default: 1)"
+    )
     options = parser.parse_args()
     for number in options.numbers:
-        write(number, options.pictures, options.out / f"{number:03d}", options.variant)
+        write(number, options.pictures, options.out / f"{number:03d}", options.variant, options.samples)
 
 
 if __name__ == "__main__":

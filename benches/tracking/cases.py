@@ -279,7 +279,7 @@ def case(number: int, pictures: int = PICTURES) -> Case:
         ),
         places=places,
         tilts=tilts,
-        turns=_turns(places),
+        turns=turns_of(places),
         shine=Shine("steel", rough=0.06),
         lamps=(lamp,),
         wood=tuple(random.uniform(0.85, 1.15) * np.array([0.50, 0.33, 0.18])),
@@ -436,7 +436,7 @@ def _before(camera: str, run: Case, random: np.random.Generator) -> Case:
     return replace(run, codec="h264", kbps=900, broken=6 if camera == "broken" else 0)
 
 
-def _turns(places: Array) -> Array:
+def turns_of(places: Array) -> Array:
     """Return how a marble that rolls through places (n, 2) [board edges] has turned (n, 3, 3)."""
     turns = [np.eye(3)]
     for step in np.diff(places, axis=0) * EDGES_M[0] / RADIUS_M:

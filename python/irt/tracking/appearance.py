@@ -41,11 +41,11 @@ LIGHT = (0.75, 1.3)
 GAIN = 0.15
 #: Pixels of a marble agree with their picture within about so many scatters.
 AGREES = 2.5
-#: A pixel tells of the marble if that differs from the board by more than so many scatters.
-TELLS = 1.0
+#: A pixel shows the marble if that differs from the board by more than so many scatters.
+DISTINCT = 1.0
 #: Within so many radii pixels are the marble's, for its confidence.
 WITHIN = 1.05
-#: A disc whose pixels tell this much of a marble on average may as well be none.
+#: A disc whose pixels show this much of a marble on average may as well be none.
 FAINT = 0.1
 
 
@@ -58,7 +58,7 @@ class Match:
     x, y : float
         Its middle [pixels].
     confidence : float
-        The share, from 0 to 1, of what tells a marble from the board behind it that the picture shows.
+        The share, from 0 to 1, of its difference from the board behind it that the picture shows.
     spread : float
         Standard error of the middle, along the worse direction [pixels].
     """
@@ -209,14 +209,14 @@ class _Laid:
         return np.asarray(np.linalg.solve(normal, right)), normal
 
     def confidence(self, gain: float, place: tuple[float, float], step: Array, radius: float) -> float:
-        """Return the share of what tells a marble from the board that is there, after a last small step."""
+        """Return the share of its difference from the board that is there, after a last small step."""
         model = self.model + np.float32(step[0]) * self.moved[0] + np.float32(step[1]) * self.moved[1]
         square = self._square(self.picture - np.float32(gain) * model)
-        tells = self._square(model - self.board) / np.float32(3.0)
+        shown = self._square(model - self.board) / np.float32(3.0)
         left, top, width = self.frame
         down, right = np.divmod(np.arange(len(square)), width)
         inside = (right + (left - place[0])) ** 2 + (down + (top - place[1])) ** 2 < (WITHIN * radius) ** 2
-        weights = np.minimum(np.sqrt(np.maximum(tells - TELLS**2, 0.0)), 4.0) * inside
+        weights = np.minimum(np.sqrt(np.maximum(shown - DISTINCT**2, 0.0)), 4.0) * inside
         agrees = np.exp(-square / np.float32(2.0 * 3.0 * AGREES**2))
         # A disc that hardly differs from its board may be anywhere.
         return float((weights * agrees).sum() / (weights.sum() + FAINT * inside.sum() + 1e-9))

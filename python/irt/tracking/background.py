@@ -1,7 +1,7 @@
 """The board beneath a marble, moved to where the board's tilt has it in a picture.
 
 A tilt of a few hundredths moves what is painted on the board, and its edges, by some pixels. What is seen
-around the marble tells by how much there (Lucas and Kanade, 1981), from where it was in the picture before.
+around the marble shows by how much there (Lucas and Kanade, 1981), from where it was in the picture before.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from irt.tracking.opencv import opencv
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-#: What is seen between these multiples of a marble's radius tells of the board.
+#: What is seen between these multiples of a marble's radius is the board.
 NEAR, FAR = 1.35, 2.6
 #: Largest shift [pixels], and in radii of the marble where that is more: a tilt moves a board near a camera
 #: farther.

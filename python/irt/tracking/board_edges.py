@@ -1,7 +1,9 @@
 """The board's sides, measured along their whole length over the video: corners, their error, the tilt.
 
 Each point of a side is where the light is halfway between inside and outside. A lens blurs light, not levels:
-halfway between two levels lies outside of a bright board. So levels are taken back to light.
+halfway between two levels lies outside of a bright board. So levels are taken back to light. Inside and
+outside are the even parts of a profile on both sides of the edge's own step: a line printed along the board's
+side, a thick edge seen aslant, or the end of a shadow is another step.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.tracking.corners import LEAST_LEVELS, fit_line, meet
+from irt.tracking.corners import fit_line, meet
 from irt.tracking.geometry import Geometry, Lens, Pose, Size
 from irt.tracking.opencv import opencv
 from irt.tracking.rims import POWER
@@ -25,18 +27,33 @@ POINTS, FIRST, LAST = 48, 0.06, 0.94
 #: How far beside a side its edge is looked for, where sides are so long on average [pixels], and in how many
 #: steps: a tilt of 0.04 rad moves the end of such a board by 2. On a larger one it is farther.
 FAR, LENGTH, STEPS = 5.0, 330.0, 20
-#: Samples at each end that say what is inside and outside.
+#: Samples on each side of an edge that say what is inside and outside.
 ENDS = 4
+#: Least difference of these [levels]: with noise of 4 levels and a blur of 2 pixels, a point of such an edge
+#: is known to 0.7 pixels, and a line through a side to 0.3.
+LEAST_LEVELS = 12.0
+#: Samples on each side of a step over which its height is measured: a lens blurs it over 2 pixels.
+BLURRED = 3
+#: How far a side is from where it was found, or in the picture before (standard deviation) [pixels of a side
+#: of `LENGTH`]: of two steps it is the one nearer to that, unless that is much lower.
+ROUGH = 1.5
+#: Slope of a profile, over that of its edge, from which on another step begins, and below which the edge
+#: ends.
+ANOTHER, LEVEL = 0.25, 0.15
 #: Points of a side that err alike: they share the grain, and blocks of a compression.
 ALIKE = 8.0
 #: A side is measured where this share of its points is.
 ENOUGH = 0.6
 #: An edge that is off by more than so much is covered [pixels]: repeated edges scatter by a tenth.
 COVERED = 0.3
+#: The same for steps, which are known to half a pixel, about a line that the tilt has turned.
+ROUGHLY = 1.0
 #: A point that is off its side's curve by more than so much is not of it [pixels]: a grain moves it by half.
 OFF = 1.0
 #: Rounds in which a straight line is laid through a side, and then a bent one.
 STRAIGHT = 8
+#: Rounds in which the tilt lets go of points that are off.
+ROUNDS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +79,14 @@ class _Sides:
         normals = np.column_stack([ways[:, 1], -ways[:, 0]]) / lengths[:, None]
         return cls(points, normals, FAR * max(float(lengths.mean()) / LENGTH, 1.0))
 
-    def profiles(self, picture: Picture) -> Array:
-        """Return levels (n, samples, 3) across the sides, from inside to outside."""
+    def profiles(self, picture: Picture, shifts: Array | float = 0.0) -> Array:
+        """Return levels (n, samples, 3) across the sides, from inside to outside.
+
+        Their middles are so far outside of the points: `shifts` (n,) [pixels].
+        """
         offsets = np.linspace(-self.far, self.far, STEPS + 1)
-        across = self.points[:, None] + offsets[:, None] * self.normals[:, None]
+        apart = np.broadcast_to(np.asarray(shifts, dtype=np.float64), (len(self.points),))
+        across = self.points[:, None] + (apart[:, None] + offsets)[..., None] * self.normals[:, None]
         cv2 = opencv()
         maps = across.astype(np.float32)
         seen = cv2.remap(
@@ -84,9 +105,16 @@ def _clearest(profiles: Array) -> NDArray[np.int64]:
     profiles : (v, n, samples, 3) array
         Levels across the points of four sides in v pictures.
     """
-    contrast = np.abs(profiles[:, :, :ENDS].mean(axis=2) - profiles[:, :, -ENDS:].mean(axis=2))
+    steps = np.abs(profiles[:, :, 2 * BLURRED :] - profiles[:, :, : -2 * BLURRED])
+    contrast = (steps * _near(steps.shape[2])[:, None]).max(axis=2)
     sides = contrast.reshape(len(profiles), 4, -1, 3).swapaxes(0, 1).reshape(4, -1, 3)
     return np.repeat(np.argmax(np.quantile(sides, 0.1, axis=1), axis=1), contrast.shape[1] // 4)
+
+
+def _near(count: int) -> Array:
+    """Return weights (count,) of places across a side by how likely its edge is there, 1 in the middle."""
+    apart = (np.arange(count) - (count - 1) / 2) * 2.0 * FAR / STEPS
+    return np.asarray(np.exp(-0.5 * (apart / ROUGH) ** 2))
 
 
 def _one_colour(profiles: Array, colours: NDArray[np.int64]) -> Array:
@@ -94,13 +122,71 @@ def _one_colour(profiles: Array, colours: NDArray[np.int64]) -> Array:
     return np.asarray(profiles[np.arange(len(profiles)), :, colours])
 
 
-def _crossings(profiles: Array, far: float) -> Array:
-    """Return how far outside each point's edge is (n,) [pixels], NaN where there is none so far beside."""
-    contrast = np.abs(profiles[:, :ENDS].mean(axis=1) - profiles[:, -ENDS:].mean(axis=1))
+def _steps(profiles: Array) -> Array:
+    """Return by how much profiles (n, samples) fall about each place (n, samples - 2 `BLURRED`)."""
+    return np.asarray(profiles[:, : -2 * BLURRED] - profiles[:, 2 * BLURRED :])
+
+
+def _directions(profiles: Array) -> Array:
+    """Return whether each point's side falls from inside to outside, 1, or rises, -1 (n,)."""
+    steps = _steps(profiles)
+    best = np.argmax(np.abs(steps) * _near(steps.shape[1]), axis=1)
+    sides = steps[np.arange(len(steps)), best].reshape(4, -1)
+    return np.repeat(np.where(np.median(sides, axis=1) < 0.0, -1.0, 1.0), sides.shape[1])
+
+
+def _roughly(profiles: Array, directions: Array, far: float) -> Array:
+    """Return how far outside the likeliest step of each profile (n, samples) is (n,) [pixels]."""
+    steps = directions[:, None] * _steps(profiles)
+    best = np.argmax(steps * _near(steps.shape[1]), axis=1)
+    there = steps[np.arange(len(steps)), best] > LEAST_LEVELS
+    return np.where(there, (best + BLURRED) * 2.0 * far / STEPS - far, np.nan)
+
+
+def _even_parts(profiles: Array) -> NDArray[np.bool_]:
+    """Return which samples say what is inside and outside of each side's edge (4, 2, samples).
+
+    Parameters
+    ----------
+    profiles : (v, n, samples) array
+        Light across the points of four sides in v pictures, the edge in the middle.
+    """
+    usual = np.nanmedian(profiles.reshape(len(profiles), 4, -1, profiles.shape[2]), axis=(0, 2))
+    middle = STEPS // 2
+    chosen = np.zeros((4, 2, STEPS + 1), dtype=np.bool_)
+    for side, profile in enumerate(usual):
+        slope = np.abs(np.gradient(profile))
+        height = slope[middle - 1 : middle + 2].max()
+        for end, way in enumerate((-1, 1)):
+            along = slope[middle::way] / max(height, 1e-9)
+            falls = np.flatnonzero(along < LEVEL)
+            first = int(falls[0]) if len(falls) else len(along)
+            # Where two steps are near each other, none of the light between them is even.
+            rises = np.flatnonzero(np.diff(along) > 0.0)
+            rises = rises[rises > 1]
+            first = min(first, int(rises[0])) if len(rises) else min(first, len(along) - 1)
+            rises = np.flatnonzero(along[first:] > ANOTHER)
+            last = first + max(int(rises[0]), 1) if len(rises) else len(along)
+            part = middle + way * np.arange(max(first, last - ENDS), last)
+            chosen[side, end, part] = True
+    return chosen
+
+
+def _crossings(profiles: Array, far: float, even: NDArray[np.bool_]) -> Array:
+    """Return how far outside each point's edge is (n,) [pixels], NaN where there is none so far beside.
+
+    `even` (4, 2, samples) says what of a profile is inside and outside.
+    """
+    parts = np.repeat(even / even.sum(axis=2, keepdims=True), len(profiles) // 4, axis=0)
+    inside, outside = np.einsum("ns,nes->en", profiles, parts)
+    contrast = np.abs(inside - outside)
     light = (profiles / 255.0) ** POWER
-    halfway = 0.5 * (light[:, :ENDS].mean(axis=1) + light[:, -ENDS:].mean(axis=1))
+    halfway = 0.5 * np.einsum("ns,nes->n", light, parts)
     apart = light - halfway[:, None]
-    crosses = apart[:, :-1] * apart[:, 1:] <= 0.0
+    # A step of the other direction is another one.
+    crosses = (apart[:, :-1] * apart[:, 1:] <= 0.0) & (
+        (apart[:, :-1] - apart[:, 1:]) * (inside - outside)[:, None] > 0.0
+    )
     step = 2.0 * far / STEPS
     starts = -far + step * np.arange(STEPS)
     nearest = np.argmin(np.where(crosses, np.abs(starts + 0.5 * step), np.inf), axis=1)
@@ -116,6 +202,20 @@ def _smoothed(offsets: Array) -> Array:
     In each picture a side is a line, bent a little where the lens is not known. What lies over it, or is left
     there by a picture that was not decoded as it should have been, is not the side.
     """
+    laid = _curves(offsets, (2,) * STRAIGHT + (3,) * STRAIGHT)
+    return np.where(np.abs(offsets - laid) > OFF, laid, offsets)
+
+
+def _lines(offsets: Array) -> Array:
+    """Return the lines (v, 4 `POINTS`) through sides' points, where there are any."""
+    return _curves(offsets, (2,) * STRAIGHT, ROUGHLY)
+
+
+def _curves(offsets: Array, rounds: tuple[int, ...], covered: float = COVERED) -> Array:
+    """Return polynomials of so many terms, round by round, through offsets of sides' points (v, 4 `POINTS`).
+
+    A point that is off by more than `covered` is let go of [pixels].
+    """
     sides = offsets.reshape(-1, POINTS)
     seen = np.isfinite(sides)
     known = np.where(seen, sides, 0.0)
@@ -123,14 +223,13 @@ def _smoothed(offsets: Array) -> Array:
     powers = np.stack([np.ones(POINTS), along, along**2])
     middle = [np.median(side[there]) if there.any() else 0.0 for side, there in zip(sides, seen, strict=True)]
     laid = np.array(middle)[:, None] + np.zeros(POINTS)
-    for terms in (2,) * STRAIGHT + (3,) * STRAIGHT:
-        weights = seen / (1.0 + ((known - laid) / COVERED) ** 2) ** 2
+    for terms in rounds:
+        weights = seen / (1.0 + ((known - laid) / covered) ** 2) ** 2
         design = powers[:terms]
         normal = np.einsum("sp,ip,jp->sij", weights, design, design) + 1e-6 * np.eye(terms)
         right = np.einsum("sp,ip,sp->si", weights, design, known)
         laid = np.linalg.solve(normal, right[..., None])[..., 0] @ design
-    off = seen & (np.abs(known - laid) > OFF)
-    return np.where(off, laid, sides).reshape(offsets.shape)
+    return laid.reshape(offsets.shape)
 
 
 class BoardEdges:
@@ -159,12 +258,25 @@ class BoardEdges:
         self.missed = 0
         self._residuals = np.zeros((3, 4 * POINTS))
         self._slopes: Array | None = None
+        begin: Array | None = None
         for _ in range(2):
             self._places = sides = _Sides.of(self.corners, lens)
-            colours = [sides.profiles(picture) for picture in pictures]
-            self._colours = _clearest(np.array(colours))
-            profiles = [_one_colour(one, self._colours) for one in colours]
-            offsets = _smoothed(np.array([_crossings(one, sides.far) for one in profiles]))
+            start = np.zeros(4 * POINTS)
+            if begin is not None:
+                start = ((begin - sides.points) * sides.normals).sum(axis=1)
+            self._colours = _clearest(np.array([sides.profiles(picture) for picture in pictures]))
+            self._directions = _directions(_one_colour(sides.profiles(pictures[0], start), self._colours))
+            shifts = self._roughly_in_turn(sides, pictures, start)
+            begin = sides.points + shifts[0][:, None] * sides.normals
+            profiles = np.array(
+                [
+                    _one_colour(sides.profiles(picture, shift), self._colours)
+                    for picture, shift in zip(pictures, shifts, strict=True)
+                ]
+            )
+            self._even = _even_parts((profiles / 255.0) ** POWER)
+            crossings = [_crossings(one, sides.far, self._even) for one in profiles]
+            offsets = shifts + _smoothed(np.array(crossings))
             seen = np.isfinite(offsets).mean(axis=0) > 0.5
             middle = np.array(
                 [np.nanmean(one) if there else np.nan for one, there in zip(offsets.T, seen, strict=True)]
@@ -176,6 +288,32 @@ class BoardEdges:
                 # Lines that left what was found were laid through something else.
                 self.corners, self.error_px = corners, FAR
                 return
+
+    def _roughly_in_turn(self, sides: _Sides, pictures: Sequence[Picture], start: Array) -> Array:
+        """Return where sides' points roughly are in pictures in the order of time (v, n) [pixels].
+
+        From one picture to the next a side moves less than from one of its steps to another. `start` (n,) is
+        where they are in the first picture.
+        """
+        shifts, last = [], start
+        for picture in pictures:
+            last = self._lines_about(picture, sides, last)
+            shifts.append(last)
+        return np.array(shifts)
+
+    def _lines_about(self, picture: Picture, sides: _Sides, shifts: Array) -> Array:
+        """Return lines (n,) through the likeliest steps about shifts (n,) [pixels].
+
+        A side that is covered, or nowhere near, stays where it was.
+        """
+        for _ in range(2):
+            profiles = _one_colour(sides.profiles(picture, shifts), self._colours)
+            steps = _roughly(profiles, self._directions, sides.far)
+            lines = _lines(steps[None])[0]
+            seen = np.isfinite(steps).reshape(4, POINTS).mean(axis=1) >= ENOUGH
+            near = np.abs(shifts + lines).reshape(4, POINTS).max(axis=1) < 2.0 * sides.far
+            shifts = shifts + np.where(np.repeat(seen & near, POINTS), lines, 0.0)
+        return shifts
 
     def _refine(self, sides: _Sides, offsets: Array) -> None:
         """Lay lines through the sides' points."""
@@ -205,12 +343,19 @@ class BoardEdges:
 
     def stand(self, picture: Picture) -> bool:
         """Return whether the sides are in a picture where they were in the sample."""
-        return bool(np.isfinite(self._offsets(picture)).mean() >= ENOUGH)
+        offsets = self._offsets(picture, np.zeros(len(self._places.points)), rough=True)
+        return bool((np.abs(offsets) <= self._places.far).mean() >= ENOUGH)
 
-    def _offsets(self, picture: Picture) -> Array:
-        """Return how far outside of its place each point's edge is in a picture (n,) [pixels]."""
-        profiles = _one_colour(self._places.profiles(picture), self._colours)
-        return _crossings(profiles, self._places.far)
+    def _offsets(self, picture: Picture, about: Array, *, rough: bool) -> Array:
+        """Return how far outside of its place each point's edge is in a picture (n,) [pixels].
+
+        `about` (n,) is where it is looked for; `rough` where that is not known to a pixel.
+        """
+        sides = self._places
+        if rough:
+            about = self._lines_about(picture, sides, about)
+        profiles = _one_colour(sides.profiles(picture, about), self._colours)
+        return np.asarray(about + _crossings(profiles, sides.far, self._even))
 
     def watch(self, level: Geometry, size: Size) -> bool:
         """Begin to measure the tilt; return whether the sides say it, which they do for a calibrated lens."""
@@ -228,6 +373,7 @@ class BoardEdges:
             slopes.append((moved * sides.normals).sum(axis=1))
         self._level, self._radius = level, size.radius
         self._slopes = np.array(slopes).T
+        self._tilt = np.zeros(2)
         return True
 
     def tilt_noise(self) -> Array | None:
@@ -251,20 +397,38 @@ class BoardEdges:
         slopes = self._slopes
         if slopes is None:
             return None
-        offsets = self._offsets(picture)
-        seen = np.isfinite(offsets)
-        if seen.mean() < ENOUGH:
+        # A board moves little from picture to picture.
+        last = slopes @ self._tilt
+        for about, rough in ((last, False), (last, True), (np.zeros_like(last), True)):
+            offsets = self._offsets(picture, about, rough=rough)
+            laid = _tilted(slopes, offsets)
+            if laid is not None:
+                break
+        else:
             self.missed += 1
             return None
-        slopes, offsets = slopes[seen], offsets[seen]
-        tilt: Array = np.zeros(2)
-        for _ in range(6):
-            apart = offsets - slopes @ tilt
-            weights = 1.0 / (1.0 + (apart / COVERED) ** 2)
-            normal = (slopes.T * weights) @ slopes
-            tilt = np.asarray(np.linalg.solve(normal, (slopes.T * weights) @ offsets))
-        apart = offsets - slopes @ tilt
-        self._residuals[:, seen] += weights * np.array([np.ones_like(apart), apart, apart**2])
+        self._tilt, weights = laid
+        apart = np.where(weights > 0.0, offsets - slopes @ self._tilt, 0.0)
+        self._residuals += weights * np.array([np.ones_like(apart), apart, apart**2])
         level = self._level
-        turn, _ = opencv().Rodrigues(np.array([tilt[0], tilt[1], 0.0]))
+        turn, _ = opencv().Rodrigues(np.array([*self._tilt, 0.0]))
         return Pose(level.lens, level.rotation @ turn, level.origin, self._radius)
+
+
+def _tilted(slopes: Array, offsets: Array) -> tuple[Array, Array] | None:
+    """Return the tilt (2,) [rad] that explains most sides' points, and their weights (n,).
+
+    None where it explains too few: then they are of something else.
+    """
+    seen = np.isfinite(offsets)
+    if seen.mean() < ENOUGH:
+        return None
+    known = np.where(seen, offsets, 0.0)
+    tilt: Array = np.zeros(2)
+    for _ in range(ROUNDS):
+        apart = known - slopes @ tilt
+        weights = seen / (1.0 + (apart / COVERED) ** 2)
+        normal = (slopes.T * weights) @ slopes
+        tilt = np.asarray(np.linalg.solve(normal, (slopes.T * weights) @ known))
+    explained = seen & (np.abs(known - slopes @ tilt) < OFF)
+    return (tilt, weights) if explained.mean() >= ENOUGH else None

@@ -15,9 +15,9 @@ Array = NDArray[np.float64]
 
 #: How well a marble's radius is known (standard deviation, as a share), and with it the height of its middle.
 RADIUS = 0.03
-#: How well rims show a marble's middle, as a share of its radius and in pixels: their error in 31 path-traced
+#: How well rims show a marble's middle, as a share of its radius and in pixels: their error in 42 path-traced
 #: runs (`docs/experiments.md`).
-RIM, RIM_PX = 0.02, 0.25
+RIM, RIM_PX = 0.02, 0.3
 #: Rims that are farther from the middle of what is covered may be wrong by that much [radii].
 DISAGREE = 0.14
 #: By what share places are too far out without a lens: a radius over the height of a camera 0.7 m above.

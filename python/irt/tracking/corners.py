@@ -6,6 +6,7 @@ Pixels are counted from the middle of the first one, to the right and down.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,11 @@ from irt.tracking.opencv import opencv
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-#: Least difference in brightness that is a side of the board [levels].
-LEAST_LEVELS = 25.0
+#: Least difference that is a side of the board [levels], over so many quarters of a pixel to either side.
+LEAST_LEVELS, BLURRED = 12.0, 6
+#: How far a side is from the rough one (standard deviation) [pixels]: of two steps it is the nearer one,
+#: unless that is much lower.
+ROUGH = 1.5
 #: A board fills at least this share of the picture.
 LEAST_SHARE = 0.04
 #: Its outline fills its four corners' quadrangle at least so far: nothing large stands out or lies over it.
@@ -37,6 +41,10 @@ TURNED = 1.04
 MISSHAPEN, NEARER = 0.0015, 0.5
 #: Beyond this, no lens accounts for it: one whose middle is off by 20 pixels makes 0.001 to 0.004.
 HOPELESS = 0.0045
+#: Levels that may outline a board, as quantiles of a picture's; how many must agree, their corners within so
+#: many pixels: a shadow's end and the marble's path move with the level, a board does not.
+LEVELS = np.linspace(0.05, 0.95, 31)
+AGREEING, SAME_PX = 3, 4.0
 #: Widths of rims that may explain an outline [board edges].
 RIMS = np.arange(1, 21) * 0.004
 
@@ -86,10 +94,57 @@ def find_corners(
         except IrtError as error:
             reasons.append(error)
             continue
-        sides = [_edge(smooth, rough[side], rough[(side + 1) % 4], lens) for side in range(4)]
-        corners = np.array([meet(sides[side - 1], sides[side]) for side in range(4)])
-        return corners if lens is None else lens.bent(corners)
+        return _exact(smooth, rough, lens)
     raise reasons[0]
+
+
+def find_corners_at_levels(picture: Picture, lens: Lens | None, size: Size | None) -> Array:
+    """Return the board's corners as `find_corners`, of the quadrangle that most levels show.
+
+    On a table that a lamp lights unevenly, or under glare, no one level separates a board. A board is what
+    many levels of several colours outline alike.
+
+    Parameters
+    ----------
+    picture : (h, w, 3) uint8 array
+        Blue first, with little noise, such as the median of a sample.
+    lens, size
+        As of `find_corners`.
+
+    Raises
+    ------
+    IrtError
+        If fewer than `AGREEING` levels do.
+    """
+    cv2 = opencv()
+    smooth = cv2.GaussianBlur(picture, (5, 5), 0)
+    planes = [*cv2.split(smooth), cv2.cvtColor(smooth, cv2.COLOR_BGR2HSV)[:, :, 1]]
+    found: list[tuple[Array, Any]] = []
+    for plane in planes:
+        for level in np.unique(np.quantile(plane[::4, ::4], LEVELS).astype(int)):
+            bright = np.where(plane > level, 255, 0).astype(np.uint8)
+            for mask in (bright, 255 - bright):
+                outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+                for outline in outlines:
+                    if cv2.contourArea(outline) > LEAST_SHARE * mask.size:
+                        with suppress(IrtError):
+                            found.append((_board_outline(outline, mask, size), plane))
+    alike = [[other for other in found if np.abs(other[0] - one[0]).max() < SAME_PX] for one in found]
+    best = max(alike, key=len, default=[])
+    if len(best) < AGREEING:
+        raise IrtError("no quadrangle that several levels outline")
+    rough = np.median([corners for corners, _ in best], axis=0)
+    for plane in sorted({id(plane): plane for _, plane in best}.values(), key=lambda one: -float(one.std())):
+        with suppress(IrtError):
+            return _exact(plane, rough, lens)
+    raise IrtError("a side of the board is not clear in the picture: give it light, or a darker ground")
+
+
+def _exact(plane: Any, rough: Array, lens: Lens | None) -> Array:
+    """Return the corners (4, 2) in which lines through the sides of a rough quadrangle meet [pixels]."""
+    sides = [_edge(plane, rough[side], rough[(side + 1) % 4], lens) for side in range(4)]
+    corners = np.array([meet(sides[side - 1], sides[side]) for side in range(4)])
+    return corners if lens is None else lens.bent(corners)
 
 
 def _quadrangle(mask: Any, size: Size | None) -> Array:
@@ -225,17 +280,22 @@ def _edge(grey: Any, start: Array, end: Array, lens: Lens | None) -> tuple[Array
     way = end - start
     normal = np.array([way[1], -way[0]]) / np.hypot(*way)
     offsets = np.arange(-4.0, 4.01, 0.25)
+    near = np.exp(-0.5 * (offsets[BLURRED:-BLURRED] / ROUGH) ** 2)
     found = []
     for part in np.linspace(0.08, 0.92, 80):
         points = start + part * way + offsets[:, None] * normal
         levels = _read(grey, points)
-        halfway = 0.5 * (levels[:6].mean() + levels[-6:].mean())
-        falls = np.nonzero((levels[:-1] - halfway) * (levels[1:] - halfway) <= 0.0)[0]
-        if len(falls) and abs(levels[0] - levels[-1]) > LEAST_LEVELS:
-            first = falls[np.argmin(np.abs(offsets[falls]))]
-            step = levels[first + 1] - levels[first]
-            at = offsets[first] + 0.25 * (halfway - levels[first]) / (step or 1.0)
-            found.append(start + part * way + at * normal)
+        # A printed line beside a side, or the end of a shadow, is another step.
+        steps = np.abs(levels[2 * BLURRED :] - levels[: -2 * BLURRED])
+        best = int(np.argmax(steps * near))
+        if steps[best] < LEAST_LEVELS:
+            continue
+        own = levels[best : best + 2 * BLURRED + 1]
+        halfway = 0.5 * (own[0] + own[-1])
+        first = best + int(np.nonzero((own[:-1] - halfway) * (own[1:] - halfway) <= 0.0)[0][0])
+        step = levels[first + 1] - levels[first]
+        at = offsets[first] + 0.25 * (halfway - levels[first]) / (step or 1.0)
+        found.append(start + part * way + at * normal)
     if len(found) < 10:
         raise IrtError("a side of the board is not clear in the picture: give it light, or a darker ground")
     return fit_line(np.array(found), lens)

@@ -1,6 +1,6 @@
 """A disc laid through its rim: the steepest change along rays from a rough centre.
 
-Each ray tells where along it the picture changes most near the rim; a circle of nearly known radius is laid
+Each ray finds where along it the picture changes most near the rim; a circle of nearly known radius is laid
 through these places, and rays that disagree (a line on the board, a finger before the marble) lose their
 say. It needs to know nothing of the marble but its size: by it a marble's looks are learned.
 """

@@ -93,7 +93,7 @@ def learn(
     NoMarbleError
         If nothing like a marble moves.
     IrtError
-        If two do, or there are too few pictures to tell.
+        If two do, or there are too few pictures to decide.
     """
     if empty is None and len(pictures) < FEWEST:
         raise IrtError(f"{FEWEST} pictures at least are needed to see what moves")
@@ -215,7 +215,7 @@ def _noise(pictures: Sequence[Picture], without: Picture, box: Box) -> float:
     rows, columns = box.slices
     some = [one[rows, columns][::3, ::3].astype(np.int16) for one in pictures[:: max(len(pictures) // 8, 1)]]
     apart = np.abs(np.stack(some) - without[rows, columns][::3, ::3].astype(np.int16))
-    # Levels are whole: the mean below a quantile tells more than a median of three or four.
+    # Levels are whole: the mean below a quantile says more than a median of three or four.
     return max(QUIETEST, 1.25 * float(np.minimum(apart, np.quantile(apart, 0.9)).mean()) * 1.1)
 
 

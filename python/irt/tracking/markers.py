@@ -1,7 +1,7 @@
 """ArUco markers on the board: where the board is in every picture, so that its tilt moves no marble.
 
 Which markers there are, and where, nobody has to say: they are found in the first picture, on the board whose
-corners are known there, and from then on tell where the board is.
+corners are known there, and from then on show where the board is.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class Markers:
 
     @property
     def enough(self) -> bool:
-        """Whether they tell how the board is tilted."""
+        """Whether they show how the board is tilted."""
         return len(self.places) >= FEWEST
 
     def follow(self, picture: Picture) -> Geometry | None:

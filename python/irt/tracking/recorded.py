@@ -116,8 +116,8 @@ def save_timed(timed: Timed) -> None:
         If the file cannot be written.
     """
     header, *lines = timed.recording.to_csv().splitlines()
-    told = [f"{line},{sure:.3f}" for line, sure in zip(lines, timed.confidence, strict=True)]
-    write_atomic(timed.recording.path, "\n".join([f"{header},confidence", *told]) + "\n")
+    rows = [f"{line},{sure:.3f}" for line, sure in zip(lines, timed.confidence, strict=True)]
+    write_atomic(timed.recording.path, "\n".join([f"{header},confidence", *rows]) + "\n")
 
 
 def save_positions(path: PathLike, track: Track) -> None:
@@ -174,7 +174,7 @@ class Summary:
     disagree : float
         How far the middle of the marble's rim is from that of what it covers [radii].
     corners_px : float or None
-        Root mean square of the corners off the board's own shape, where a calibrated lens tells [pixels].
+        Root mean square of the corners off the board's own shape, where a lens is calibrated [pixels].
     lens_px : float or None
         What the calibration left over [pixels].
     height, tilt : str

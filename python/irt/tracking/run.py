@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from irt.tracking.corners import (
     TwoBoardsError,
     checked,
     find_corners,
+    find_corners_at_levels,
     mean_side,
     misshapen,
     ordered,
@@ -93,7 +95,7 @@ class Scene:
     geometry : Plane or Pose
         Of the level board.
     markers : Markers or None
-        Those on the board, where they tell its tilt.
+        Those on the board, where they show its tilt.
     edges : BoardEdges or None
         The board's sides, where they show its tilt.
     texture : BoardTexture or None
@@ -256,26 +258,27 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str, b
     if question.corners is not None:
         return checked(question.corners, question.size), "given", False
     first, middle = pictures[0], np.median(np.stack(pictures), axis=0).astype(np.uint8)
+    lens, size = question.lens, question.size
+    by_light = partial(find_corners, lens=lens, size=size)
+    by_colour = partial(by_light, by_colour=True)
+    at_levels = partial(find_corners_at_levels, lens=lens, size=size)
     ways = (
-        (first, False, "found in the first picture"),
-        (middle, False, "found in the median of the pictures"),
-        (first, True, "found in the first picture by their colour"),
-        (middle, True, "found in the median of the pictures by their colour"),
+        (by_light, first, "found in the first picture"),
+        (by_light, middle, "found in the median of the pictures"),
+        (by_colour, first, "found in the first picture by their colour"),
+        (by_colour, middle, "found in the median of the pictures by their colour"),
+        (at_levels, middle, "found in the median of the pictures at several levels"),
     )
     reasons, outlines = [], []
-    for picture, by_colour, words in ways:
+    for find, picture, words in ways:
         try:
-            found = ordered(
-                find_corners(picture, question.lens, question.size, by_colour=by_colour), question.size
-            )
+            found = ordered(find(picture), size)
         except TwoBoardsError:
             raise
         except IrtError as error:
             reasons.append(error)
         else:
-            outlines.append(
-                (misshapen(found, question.lens, question.size), (found, words, picture is middle))
-            )
+            outlines.append((misshapen(found, lens, size), (found, words, picture is middle)))
             if outlines[0][0] < MISSHAPEN:
                 break
         marked = corners_by_markers(first) if len(reasons) + len(outlines) == 1 else None

@@ -103,8 +103,8 @@ class _Video:
         capture = self._opened()
         cv2 = opencv()
         self.expected = max(int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
-        told = float(capture.get(cv2.CAP_PROP_FPS))
-        self._told = told if 0.1 < told < 10000 else 0.0
+        stated = float(capture.get(cv2.CAP_PROP_FPS))
+        self._stated_rate = stated if 0.1 < stated < 10000 else 0.0
         there, _ = capture.read()
         code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=False)
         capture.release()
@@ -171,7 +171,7 @@ class _Video:
                     stamp -= first
                     if stamp <= last:
                         # A file without stamps, or with some that stand still.
-                        stamp = last + 1.0 / (self._told or USUAL_RATE) if index else 0.0
+                        stamp = last + 1.0 / (self._stated_rate or USUAL_RATE) if index else 0.0
                 last = stamp
                 index += 1
                 yield Frame(stamp, _coloured(picture), time.time())
@@ -227,7 +227,7 @@ class _Camera:
     def __init__(self, where: int | str, name: str) -> None:
         cv2 = opencv()
         self.name = re.sub(r"\W+", "-", name).strip("-")
-        self._told = name
+        self._named = name
         self._capture = cv2.VideoCapture(where)
         if not self._capture.isOpened():
             raise IrtError(f"{name}: no such camera, or another program has it")
@@ -254,7 +254,7 @@ class _Camera:
             now = time.monotonic()
             if not there or picture is None:
                 if now - since > PATIENCE_S or not self._capture.isOpened():
-                    raise IrtError(f"{self._told}: the camera gives no pictures any more; is its cable in?")
+                    raise IrtError(f"{self._named}: the camera gives no pictures any more; is its cable in?")
                 time.sleep(0.005)
                 continue
             since = now

@@ -32,7 +32,7 @@ LETS_GO = 3.0
 MIDDLE = 0.79
 #: Greatest share of the board's light that is seen: what mirrors may add to it.
 MOST_PASSED = 1.2
-#: A cell whose board varies by less than this over the views does not tell what share of it is seen [levels].
+#: A cell whose board varies by less than this over the views does not show what share of it is seen [levels].
 VARIES = 6.0
 #: A cell scatters as much as the marble's moving by so much would make it [pixels]: pixels are coarse.
 SMEARED = 0.2

@@ -25,7 +25,7 @@ DROPPED = 1.5
 UNEVEN = 0.1
 #: Width of the bump [s], and the step at which both sides are weighed.
 BUMP_S, STEP_S = 0.4, 1.0 / 240.0
-#: Parts of a run whose offsets, each left out in turn, tell how sure their mean is.
+#: Parts of a run whose offsets, each left out in turn, show how sure their mean is.
 PARTS = 8
 #: Accelerations that miss the explained ones by so many times the median are no answers.
 UNANSWERED = 3.0
@@ -62,7 +62,7 @@ class Gaps:
 
 
 def find_gaps(stamps: Array, repeated: NDArray[np.bool_]) -> Gaps:
-    """Return what stamps (n,) [s] and repetitions (n,) tell."""
+    """Return what stamps (n,) [s] and repetitions (n,) show."""
     if len(stamps) < 2:
         return Gaps(0.0, 0.0, 0, 0.0, int(repeated.sum()), 0.0)
     steps = np.diff(stamps)
@@ -117,7 +117,7 @@ def align(
     if shorter < 4 * BUMP_S:
         raise IrtError(f"{shorter:.2g} s are too short to align commands and video by")
     seen, weights, ways = _accelerations(stamps, marble)
-    told = _weighed_commands(command_stamps, knobs)
+    pushes = _weighed_commands(command_stamps, knobs)
     low = stamps[0] - command_stamps[-1] + shorter / 2
     high = stamps[-1] - command_stamps[0] - shorter / 2
     if reach is not None:
@@ -127,9 +127,9 @@ def align(
     lags = np.arange(int(np.ceil((low - base) / STEP_S)), int(np.floor((high - base) / STEP_S)) + 1)
     if not len(lags):
         lags = np.array([0])
-    scores = np.array([_explained(seen, ways, weights, told, int(lag))[0] for lag in lags])
+    scores = np.array([_explained(seen, ways, weights, pushes, int(lag))[0] for lag in lags])
     # By likelihood: where little overlaps, chance explains more.
-    shared = np.array([weights[max(lag, 0) : max(lag + len(told), 0)].sum() for lag in lags])
+    shared = np.array([weights[max(lag, 0) : max(lag + len(pushes), 0)].sum() for lag in lags])
     best = int(np.argmax(-shared * np.log1p(-np.clip(scores, 0.0, 1.0 - 1e-9))))
     if not scores[best] > EXPLAINED:
         raise IrtError(
@@ -139,8 +139,8 @@ def align(
     near = slice(max(best - 30, 0), best + 31)
     for _ in range(3):
         # A marble that leans on the rim answers no command.
-        weights = _answering(seen, ways, weights, told, int(lags[best]))
-        scores[near] = [_explained(seen, ways, weights, told, int(lag))[0] for lag in lags[near]]
+        weights = _answering(seen, ways, weights, pushes, int(lags[best]))
+        scores[near] = [_explained(seen, ways, weights, pushes, int(lag))[0] for lag in lags[near]]
         best = near.start + int(np.argmax(scores[near]))
     offset = base + STEP_S * _peak(lags[near], scores[near])
     pieces = []
@@ -149,7 +149,7 @@ def align(
         kept = weights.copy()
         kept[first:last] = 0.0
         if kept.sum() > 0.3 * weights.sum():
-            part = np.array([_explained(seen, ways, kept, told, int(lag))[0] for lag in lags[near]])
+            part = np.array([_explained(seen, ways, kept, pushes, int(lag))[0] for lag in lags[near]])
             pieces.append(base + STEP_S * _peak(lags[near], part))
     # The jackknife: offsets of the parts left in, about their mean.
     count = len(pieces)
@@ -209,13 +209,15 @@ def _weighed_commands(stamps: Array, knobs: Array) -> Array:
     return np.column_stack([np.convolve(pushes[:, axis], bump, mode="same") for axis in range(2)]) * STEP_S
 
 
-def _explained(seen: Array, ways: Array, weights: Array, told: Array, lag: int) -> tuple[float, Array, Array]:
+def _explained(
+    seen: Array, ways: Array, weights: Array, pushes: Array, lag: int
+) -> tuple[float, Array, Array]:
     """Return the share of the accelerations that commands moved by a lag explain, their gears, and drags.
 
     A tilt that stays is allowed for: means are taken off. What drag alone explains is nobody's credit.
     """
     none = np.zeros(2)
-    first, last = max(lag, 0), min(lag + len(told), len(seen))
+    first, last = max(lag, 0), min(lag + len(pushes), len(seen))
     if last - first < 2 * round(BUMP_S / STEP_S):
         return 0.0, none, none
     kept = weights[first:last, None]
@@ -227,7 +229,7 @@ def _explained(seen: Array, ways: Array, weights: Array, told: Array, lag: int) 
         return np.asarray(values - (kept * values).sum(axis=0) / total)
 
     push, way, answer = (
-        freed(told[first - lag : last - lag]),
+        freed(pushes[first - lag : last - lag]),
         freed(ways[first:last]),
         freed(seen[first:last]),
     )
@@ -240,12 +242,12 @@ def _explained(seen: Array, ways: Array, weights: Array, told: Array, lag: int) 
     return float(1.0 - left / (alone + 1e-30)), gears, drags
 
 
-def _answering(seen: Array, ways: Array, weights: Array, told: Array, lag: int) -> Array:
+def _answering(seen: Array, ways: Array, weights: Array, pushes: Array, lag: int) -> Array:
     """Return the weights without the accelerations that commands moved by a lag do not explain."""
-    first, last = max(lag, 0), min(lag + len(told), len(seen))
-    _, gears, drags = _explained(seen, ways, weights, told, lag)
+    first, last = max(lag, 0), min(lag + len(pushes), len(seen))
+    _, gears, drags = _explained(seen, ways, weights, pushes, lag)
     known = weights[first:last] > 0
-    left = seen[first:last] - gears * told[first - lag : last - lag] - drags * ways[first:last]
+    left = seen[first:last] - gears * pushes[first - lag : last - lag] - drags * ways[first:last]
     left = np.abs(left - np.median(left[known], axis=0)).max(axis=1)
     kept = np.zeros_like(weights)
     kept[first:last] = known & (left < UNANSWERED * np.median(left[known]))
@@ -265,7 +267,7 @@ def _peak(lags: NDArray[np.int64], scores: Array) -> float:
 
 
 def at_commands(stamps: Array, marble: Array, times: Array) -> Array:
-    """Return where the marble is (m, 2) at the times of commands (m,), NaN where no picture tells.
+    """Return where the marble is (m, 2) at the times of commands (m,), NaN where no picture shows it.
 
     Between two pictures in a row it lies on the cubic through those two and their neighbours. A picture
     speaks for one command only: where commands are faster, the others stay empty.

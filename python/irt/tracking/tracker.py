@@ -26,7 +26,7 @@ HELD = 0.6
 STEP = 1.0
 #: A marble was clear so few pictures ago if it is expected anywhere.
 FRESH = 4
-#: Of a marble that is seen well, over its usual one: then nothing else is looked for, and it tells where the
+#: Of a marble that is seen well, over its usual one: then nothing else is looked for, and it shows where the
 #: next picture should have it. A marble that is half hidden does not.
 CLEAR = 0.82
 #: Standard error that a place may have, in radii.
@@ -224,7 +224,7 @@ class Tracker:
         # A marble that was lost for long may have turned.
         ahead = step * min(gone, 6)
         speed = float(np.hypot(*step))
-        # One sighting alone tells nothing of the speed.
+        # One sighting alone says nothing of the speed.
         least = REACH_RADII if len(self._last) == 2 else FIRST_STEP
         reach = self.learned.radius * (least + GROWS * (gone - 1)) + REACH_STEPS * speed * gone
         return x + ahead[0], y + ahead[1], reach

@@ -10,8 +10,8 @@ import pytest
 
 from irt.errors import IrtError
 from irt.tracking.board_edges import BoardEdges
-from irt.tracking.corners import MISSHAPEN, like_a_rim, misshapen
-from irt.tracking.geometry import Lens, Size
+from irt.tracking.corners import MISSHAPEN, find_corners, like_a_rim, misshapen
+from irt.tracking.geometry import Lens, Pose, Size
 from irt.tracking.nested import nested, require_board
 from irt.tracking.run import Question, _corners, prepare
 from tracking.view import View, turned
@@ -36,9 +36,10 @@ def drawn(
     *,
     size: Size = SIZE,
     border: float = 0.0,
+    table: tuple[int, ...] = TABLE,
 ) -> np.ndarray:
     """Draw a board, with a rim about it, and a printed border so far within it [m]."""
-    picture = np.full((view.height, view.width, 3), TABLE, np.uint8)
+    picture = np.full((view.height, view.width, 3), table, np.uint8)
     ways = [(RIM_M, rim), (0.0, board)]
     if border:
         ways += [(-border, TABLE), (-border - 0.0015, board)]
@@ -81,6 +82,44 @@ def test_sides_of_a_large_board_move_far_and_are_followed() -> None:
     assert edges.clear
     # The tilt moves corners by 12 pixels.
     assert np.linalg.norm(edges.corners - outline(view, LEVEL), axis=1).max() < 2.0
+
+
+def test_a_line_printed_along_the_sides_is_another_step() -> None:
+    """Inside was read on the line in some pictures, and the tilt was wrong by 20 mrad."""
+    view = View.above(330.0, lean=(0.35, -0.3))
+    phase = 2 * np.pi * np.arange(24) / 24
+    tilts = 0.025 * np.column_stack([np.sin(phase), np.cos(2 * phase)])
+    grey = (140, 140, 140)
+    without = [drawn(view, tilt, WHITE, table=grey) for tilt in tilts]
+    plain = BoardEdges(without, outline(view, tilts[0]), lens_of(view))
+    pictures = [drawn(view, tilt, WHITE, border=0.004, table=grey) for tilt in tilts]
+    edges = BoardEdges(pictures, outline(view, tilts[0]), lens_of(view))
+    level = Pose.of(lens_of(view), edges.corners, SIZE.corners, SIZE.radius)
+    assert np.linalg.norm(edges.corners - plain.corners, axis=1).max() < 0.3
+    assert edges.watch(level, SIZE)
+    poses = [edges.follow(picture) for picture in pictures]
+    measured = np.array([pose.tilt_from(level) for pose in poses if isinstance(pose, Pose)])
+    assert len(measured) == len(tilts)
+    assert (measured - measured.mean(axis=0) - tilts).std(axis=0).max() < 0.003
+
+
+def test_a_board_that_is_pushed_aside_does_not_stand() -> None:
+    picture = drawn(VIEW, LEVEL, WHITE)
+    edges = BoardEdges([picture] * 3, outline(VIEW, LEVEL), lens_of(VIEW))
+    assert edges.stand(picture)
+    assert not edges.stand(np.roll(picture, (8, 8), axis=(0, 1)))
+
+
+def test_a_board_beside_a_lit_part_of_the_table_is_found_at_several_levels() -> None:
+    """The one level that brightness or colour is divided at separates the lamp's light from all else."""
+    picture = drawn(VIEW, LEVEL, (105, 108, 110), table=(80, 82, 84))
+    cv2.ellipse(picture, (0, 0), (280, 110), 0, 0, 360, (200, 250, 255), -1)
+    for by_colour in (False, True):
+        with pytest.raises(IrtError):
+            find_corners(picture, lens_of(VIEW), SIZE, by_colour=by_colour)
+    found, words, _ = _corners([picture] * 2, Question(SIZE, lens_of(VIEW)))
+    assert "levels" in words
+    assert np.linalg.norm(found - outline(VIEW, LEVEL), axis=1).max() < 1.5
 
 
 SQUARE = Size(1.0, 1.0, SIZE.radius)
