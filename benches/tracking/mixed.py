@@ -26,13 +26,13 @@ def mixed(number: int, pictures: int = PICTURES) -> Case:
     _, tilts, places = (rows[20::2] for rows in rolled(2 * pictures + 20, 5000 + number, STEEP))
     board, marble, codec = (_drawn(random, one) for one in (BOARDS, MARBLES, CODECS))
     wood = np.array([0.50, 0.33, 0.18]) * random.uniform(0.5, 1.2)
-    changes: dict[str, Any] = {
+    looks: dict[str, dict[str, Any]] = {
         "wood": {"wood": tuple(wood), "grain": random.uniform(0.1, 0.35), "printed": random.random() < 0.3},
         "maze": {"wood": None, "printed": True},
         "white": {"wood": None},
         "grey": {"wood": tuple(random.uniform(0.15, 0.5) * random.uniform(0.8, 1.2, 3)), "grain": 0.0},
         "black": {"wood": tuple(random.uniform(0.03, 0.06, 3)), "grain": random.choice([0.0, 0.15])},
-    }[board]
+    }
     slab = random.uniform(0.02, 0.6)
     return Case(
         seed=number,
@@ -62,7 +62,7 @@ def mixed(number: int, pictures: int = PICTURES) -> Case:
         codec=codec,
         quality=int(random.integers(65, 96)),
         kbps=int(random.integers(900, 3000)),
-        **changes,
+        **looks[board],
     )
 
 

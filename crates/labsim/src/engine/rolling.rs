@@ -24,7 +24,7 @@ use super::actuation::Actuation;
 use super::camera::Camera;
 use super::{Job, Setup, Sink};
 use crate::effects::Any;
-use crate::lanes::{Lanes, Mask};
+use crate::lanes::Lanes;
 use crate::maze::Fall;
 use crate::motion::{Marbles, Pair, Push, Rims};
 
@@ -325,35 +325,6 @@ impl<S: Simd> Register<S> {
             &self.actuation.tilt,
             group,
         )
-    }
-
-    /// Where friction holds marbles that are at rest at a place (m), as the board lies now.
-    fn holds(&self, [x, y]: Pair<S>) -> Mask<S> {
-        let zero = x.like(0.0);
-        let rest = Marbles {
-            x,
-            y,
-            vx: zero,
-            vy: zero,
-            sx: zero,
-            sy: zero,
-            spin: zero,
-            air: zero,
-        };
-        let mut push = self.actuation.push;
-        if !self.forces.is_empty() {
-            // Effects with a memory keep it.
-            let mut effects = self.forces.clone();
-            let simd = self.rims.reach_x.simd();
-            simd.vectorize(Acting {
-                effects: &mut effects,
-                tilt: &self.actuation.tilt,
-                marbles: &rest,
-                push: &mut push,
-            });
-        }
-        let next = substep(&self.rims, &rest, &push);
-        next.vx.abs().le(zero) & next.vy.abs().le(zero)
     }
 
     /// Writes the observations of camera and tilt sensor at the beginning of a row.

@@ -7,6 +7,8 @@
 
 use pulp::Simd;
 
+use super::super::contact::substep;
+use super::super::{Acting, Register};
 use super::covariance::rarity;
 use super::{ACCELERATION, Estimator};
 use crate::lanes::{Lanes, Mask};
@@ -272,5 +274,36 @@ impl<S: Simd> Estimator<S> {
             variances[axis] + 1.0 / 3.0 * way * way
         });
         self.stop.begin(self.place, spreads);
+    }
+}
+
+impl<S: Simd> Register<S> {
+    /// Where friction holds marbles that are at rest at a place (m), as the board lies now.
+    pub(in super::super) fn holds(&self, [x, y]: Pair<S>) -> Mask<S> {
+        let zero = x.like(0.0);
+        let rest = Marbles {
+            x,
+            y,
+            vx: zero,
+            vy: zero,
+            sx: zero,
+            sy: zero,
+            spin: zero,
+            air: zero,
+        };
+        let mut push = self.actuation.push;
+        if !self.forces.is_empty() {
+            // Effects with a memory keep it.
+            let mut effects = self.forces.clone();
+            let simd = self.rims.reach_x.simd();
+            simd.vectorize(Acting {
+                effects: &mut effects,
+                tilt: &self.actuation.tilt,
+                marbles: &rest,
+                push: &mut push,
+            });
+        }
+        let next = substep(&self.rims, &rest, &push);
+        next.vx.abs().le(zero) & next.vy.abs().le(zero)
     }
 }
