@@ -58,7 +58,7 @@ SAME = 0.1
 PROMISING, LEAST = 0.02, 1.0
 #: Sets within this distance of the best, or of the set to beat [nats], and the five parameters alone are
 #: refitted until converged, at most this number of times.
-NEAR, AGAIN = 60.0, 3
+NEAR, AGAIN = 60.0, 6
 #: Largest difference of scores at which held-out errors decide [nats]; engines with equal physics differ by
 #: as much.
 CLOSE = 20.0

@@ -24,6 +24,8 @@ LEAST_LEVELS, BLURRED = 12.0, 6
 #: How far a side is from the rough one (standard deviation) [pixels]: of two steps it is the nearer one,
 #: unless that is much lower.
 ROUGH = 1.5
+#: Rounds in which a step's middle is found between the levels on both sides of it: each halves its error.
+ROUNDS = 6
 #: A board fills at least this share of the picture.
 LEAST_SHARE = 0.04
 #: Its outline fills its four corners' quadrangle at least so far: nothing large stands out or lies over it.
@@ -280,6 +282,7 @@ def _edge(grey: Any, start: Array, end: Array, lens: Lens | None) -> tuple[Array
     way = end - start
     normal = np.array([way[1], -way[0]]) / np.hypot(*way)
     offsets = np.arange(-4.0, 4.01, 0.25)
+    far = 0.25 * BLURRED
     near = np.exp(-0.5 * (offsets[BLURRED:-BLURRED] / ROUGH) ** 2)
     found = []
     for part in np.linspace(0.08, 0.92, 80):
@@ -290,11 +293,13 @@ def _edge(grey: Any, start: Array, end: Array, lens: Lens | None) -> tuple[Array
         best = int(np.argmax(steps * near))
         if steps[best] < LEAST_LEVELS:
             continue
-        own = levels[best : best + 2 * BLURRED + 1]
-        halfway = 0.5 * (own[0] + own[-1])
-        first = best + int(np.nonzero((own[:-1] - halfway) * (own[1:] - halfway) <= 0.0)[0][0])
-        step = levels[first + 1] - levels[first]
-        at = offsets[first] + 0.25 * (halfway - levels[first]) / (step or 1.0)
+        at = offsets[best + BLURRED]
+        for _ in range(ROUNDS):
+            halfway = np.interp([at - far, at + far], offsets, levels).mean()
+            falls = np.nonzero((levels[:-1] - halfway) * (levels[1:] - halfway) <= 0.0)[0]
+            first = falls[np.argmin(np.abs(offsets[falls] - at))]
+            step = levels[first + 1] - levels[first]
+            at = offsets[first] + 0.25 * (halfway - levels[first]) / (step or 1.0)
         found.append(start + part * way + at * normal)
     if len(found) < 10:
         raise IrtError("a side of the board is not clear in the picture: give it light, or a darker ground")
