@@ -153,18 +153,21 @@ class Scores:
         return named * math.log(len(hypothetical())) + learned * math.log(config.LIBRARY)
 
     def base(self) -> Scored:
-        """Score the five parameters alone, from several starts, repeated until they gain nothing twice."""
+        """Score the five parameters alone, from several starts that are repeated until they gain nothing.
+
+        Once they have gained, one round in vain is no proof that the next one would be, too.
+        """
         key: frozenset[str] = frozenset()
         if key not in self.known:
             values, noises = self._starts()
             self.ascend((), values, noises, iterations=config.THOROUGH)
             self._spun(self.known[key])
-            in_vain = 0
+            patience = 1
             for _ in range(config.AGAIN):
                 before = self.known[key].score
                 self._again(values, noises, self.known[key])
-                in_vain = 0 if self.known[key].score > before + config.SURE else in_vain + 1
-                if in_vain == 2:
+                patience = 2 if self.known[key].score > before + config.SURE else patience - 1
+                if patience == 0:
                     break
         return self.known[key]
 
