@@ -55,6 +55,22 @@ pub(crate) struct Marbles<S: Simd> {
     reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
 )]
 impl<S: Simd> Marbles<S> {
+    /// Marbles at rest at these places (m).
+    #[inline(always)]
+    pub(crate) fn at_rest([x, y]: Pair<S>) -> Self {
+        let zero = x.like(0.0);
+        Self {
+            x,
+            y,
+            vx: zero,
+            vy: zero,
+            sx: zero,
+            sy: zero,
+            spin: zero,
+            air: zero,
+        }
+    }
+
     #[inline(always)]
     pub(crate) fn select(mask: Mask<S>, if_true: &Self, if_false: &Self) -> Self {
         Self {

@@ -285,17 +285,7 @@ impl<'a> Marble<'a> {
         let radius = self.rig.marble.radius_m;
         let one = |value: f64| Lanes::splat(Scalar::new(), value);
         if self.fallen {
-            let (zero, nowhere) = (one(0.0), one(f64::NAN));
-            return Marbles {
-                x: nowhere,
-                y: nowhere,
-                vx: zero,
-                vy: zero,
-                sx: zero,
-                sy: zero,
-                spin: zero,
-                air: zero,
-            };
+            return Marbles::at_rest([one(f64::NAN); 2]);
         }
         let (place, v, spin) = (
             marble.translation(),

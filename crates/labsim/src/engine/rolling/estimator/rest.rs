@@ -279,18 +279,8 @@ impl<S: Simd> Estimator<S> {
 
 impl<S: Simd> Register<S> {
     /// Where friction holds marbles that are at rest at a place (m), as the board lies now.
-    pub(in super::super) fn holds(&self, [x, y]: Pair<S>) -> Mask<S> {
-        let zero = x.like(0.0);
-        let rest = Marbles {
-            x,
-            y,
-            vx: zero,
-            vy: zero,
-            sx: zero,
-            sy: zero,
-            spin: zero,
-            air: zero,
-        };
+    pub(in super::super) fn holds(&self, place: Pair<S>) -> Mask<S> {
+        let rest = Marbles::at_rest(place);
         let mut push = self.actuation.push;
         if !self.forces.is_empty() {
             // Effects with a memory keep it.
@@ -304,6 +294,7 @@ impl<S: Simd> Register<S> {
             });
         }
         let next = substep(&self.rims, &rest, &push);
+        let zero = next.vx.like(0.0);
         next.vx.abs().le(zero) & next.vy.abs().le(zero)
     }
 }
