@@ -59,6 +59,10 @@ PROMISING, LEAST = 0.02, 1.0
 #: Sets within this distance of the best, or of the set to beat [nats], and the five parameters alone are
 #: refitted until converged, at most this number of times.
 NEAR, AGAIN = 60.0, 6
+#: Starts that are drawn from the posterior of a set, because there are more maxima close to the one found.
+SHAKEN = 4
+#: Most local maxima of the five parameters alone that are screened.
+MAXIMA = 8
 #: Largest difference of scores at which held-out errors decide [nats]; engines with equal physics differ by
 #: as much.
 CLOSE = 20.0

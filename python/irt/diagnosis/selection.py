@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Collection, Container, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, MEAN, ON_AVERAGE, SMOOTHED
+from irt.diagnosis.maxima import promising, without_pull
 from irt.diagnosis.score import KICK, LASTING, PULL, PUSH, Array, Scored, Scores, quiet
 from irt.diagnosis.screening import Promise, Screening, child, place_of
 from irt.diagnosis.validation import Validation
@@ -118,26 +119,29 @@ class Selection:
     def run(self) -> Posterior:
         """Add the effect with the largest gain, drop superfluous effects, then try replacements of each.
 
-        A set with white residuals is complete. A slope map, which can describe any dependence on the
-        position, is tried once no other effect helps; effects that approximated it are then dropped, and the
-        map itself is challenged by the effects that it may approximate.
+        A set with white residuals is complete, and only challenged by replacements. A slope map, which can
+        describe any dependence on the position, is tried once no other effect helps; effects that
+        approximated it are then dropped, and the map itself is challenged by the effects that it may
+        approximate.
         """
         best = self.scores.base()
+        challenges = [self._swapped]
+        additions = [
+            self._grown,
+            self._grown_without_pull,
+            self._swapped,
+            self._mapped,
+            self._grown_from_rival,
+        ]
         # Steps that were tried from a set are not repeated when the set comes back with a better fit.
         tried: set[tuple[str, frozenset[str]]] = set()
-        ways: list[tuple[str, Callable[[Scored], Scored | None]]] = [
-            ("grown", self._grown),
-            ("swapped", self._swapped),
-            ("mapped", self._mapped),
-        ]
-        named: list[tuple[str, Callable[[Scored], Scored | None]]] = [("unmapped", self._unmapped)]
         better: Scored | None = best
         while better is not None:
             own, better = frozenset(best.effects), None
-            for name, way in named if self._is_whole(best) else ways:
-                if better is None and (name, own) not in tried:
-                    tried.add((name, own))
-                    better = way(best)
+            for step in challenges if self._is_whole(best) else additions:
+                if better is None and (step.__name__, own) not in tried:
+                    tried.add((step.__name__, own))
+                    better = step(best)
             if better is not None:
                 best = self._pruned(better)
         best = self._likelier_name(best)
@@ -165,16 +169,57 @@ class Selection:
         return max((one, *found), key=lambda each: each.score)
 
     def _grown(self, parent: Scored) -> Scored | None:
-        """Return the best set with one more effect, if it is better."""
-        return self._with_one_of(self._other(parent), parent)
+        """Return the best set with one more effect, if it is better.
+
+        If a first effect gains little, it competes with those that show at other local maxima of the five
+        parameters.
+        """
+        better = self._with_one_of(self._other(parent), parent)
+        if parent.effects or (better is not None and better.score > parent.score + config.NEAR):
+            return better
+        for maximum, promises in promising(self.scores, self._other(parent)):
+            if maximum is not parent:
+                to_beat = parent if better is None else better
+                found = self._fitted(maximum, promises[: config.SWAPPED], to_beat.score)
+                better = self._if_better(found, to_beat, better)
+        return better
+
+    def _grown_without_pull(self, parent: Scored) -> Scored | None:
+        """Return the best set with one more effect that shows with a white push only, if it is better.
+
+        A slowly varying push absorbs constants. No such effect shows in the screening then, although the push
+        would be smaller with it.
+        """
+        if parent.noise[PULL] <= config.LITTLE[1]:
+            return None
+        still, promises = without_pull(self.scores, parent, self._other(parent))
+        found = self._fitted(still, promises[: config.SWAPPED], parent.score)
+        return self._if_better(found, parent, None)
 
     def _mapped(self, parent: Scored) -> Scored | None:
         """Return the set with an additional slope map, if it is better."""
         return self._with_one_of([MAP], parent) if MAP not in parent.effects else None
 
+    def _grown_from_rival(self, one: Scored) -> Scored | None:
+        """Return a better set that adds an effect to a rival of a set, if there is one.
+
+        Of two effects that explain about as much, the wrong one may leave less for the next effect.
+        """
+        for rival in _best([each for each in self.scores.known.values() if is_rival(one, each)], config.TOPS):
+            for names in (self._other(rival), *([] if MAP in rival.effects else [[MAP]])):
+                found = self._best_child(rival, names, config.SWAPPED, one.score)
+                if found is not None and found.score > one.score:
+                    better = self._if_better(self._settled(found), one, None)
+                    if better is not None:
+                        return better
+        return None
+
     def _with_one_of(self, names: Sequence[str], parent: Scored) -> Scored | None:
-        better = self._best_child(parent, names, config.FITTED, parent.score)
-        return better if better is not None and better.score > parent.score + config.SURE else None
+        return self._if_better(self._best_child(parent, names, config.FITTED, parent.score), parent, None)
+
+    @staticmethod
+    def _if_better(found: Scored | None, to_beat: Scored, otherwise: Scored | None) -> Scored | None:
+        return found if found is not None and found.score > to_beat.score + config.SURE else otherwise
 
     def _other(self, one: Scored) -> list[str]:
         """Return the effects that a set lacks, except the slope map and other names of its effects."""
@@ -192,15 +237,19 @@ class Selection:
     ) -> Scored | None:
         """Return the best set with one more effect, among those with the largest screened gains.
 
-        Effects that have a place are also tried at `place` [m]. All starts take a few steps, the best of them
-        more, and the best effects are fitted thoroughly, unless they are much less probable by then than the
-        score to beat.
+        Effects that have a place are also tried at `place` [m].
         """
-        promises = Screening(self.scores, parent, place).promises(names)
+        promises = Screening(self.scores, parent, place).promises(names)[:count]
+        return self._fitted(parent, promises, to_beat)
+
+    def _fitted(self, parent: Scored, promises: Sequence[Promise], to_beat: float) -> Scored | None:
+        """Return the best set with one of the screened effects, which start with the largest gain.
+
+        All starts take a few steps, the best of them more, and the best effects are fitted thoroughly, unless
+        they are much less probable than the score to beat by then.
+        """
         worth = max(config.LEAST, config.PROMISING * max((one.gain for one in promises), default=0.0))
-        promises = [
-            one for rank, one in enumerate(promises[:count]) if one.gain > worth or rank < config.TOPS
-        ]
+        promises = [one for rank, one in enumerate(promises) if one.gain > worth or rank < config.TOPS]
         begun = [one for promise in promises for one in self._begun(parent, promise)]
         for one in _best(begun, config.SECOND):
             begun += self._further(one, one.noise[None], config.FIRST)
@@ -212,8 +261,7 @@ class Selection:
         first = child(parent.effects, promises[0].name) if promises else ()
         if first in effects and effects[first] not in chosen:
             chosen.append(effects[first])
-        chosen = [one for one in chosen if one.score > to_beat - config.NEAR] or chosen[:1]
-        found = [self.thorough(one) for one in chosen]
+        found = [self.thorough(one) for one in chosen if one.score > to_beat - config.NEAR]
         best = max(found, key=lambda one: one.score, default=None)
         if best is None or best.score < parent.score + config.SURE:
             return best
@@ -221,9 +269,9 @@ class Selection:
         return functools.reduce(self._better, [self._settled(one) for one in near]) if len(near) > 1 else best
 
     def _settled(self, one: Scored) -> Scored:
-        """Repeat thorough fits of a set until they gain nothing."""
+        """Repeat thorough fits of a set, and fits from draws of its posterior, until they gain nothing."""
         for _ in range(config.AGAIN):
-            before, one = one, self.thorough(one)
+            before, one = one, self.scores.shaken(self.thorough(one))
             if one.score < before.score + config.BETTER:
                 break
         return one
@@ -313,14 +361,15 @@ class Selection:
         return one
 
     def _swapped(self, one: Scored) -> Scored | None:
-        """Return a better set with one effect replaced, if there is one."""
-        return self._with_another(one, one.effects) if len(one.effects) > 1 else None
+        """Return a better set with one effect replaced, if there is one.
 
-    def _unmapped(self, one: Scored) -> Scored | None:
-        """Return a better set with another effect instead of its slope map, if there is one."""
-        return self._with_another(one, [MAP]) if MAP in one.effects else None
+        The replacements of a single effect were tried before it was added, except those of a slope map.
+        """
+        return self._with_another(
+            one, one.effects if len(one.effects) > 1 else {MAP}.intersection(one.effects)
+        )
 
-    def _with_another(self, one: Scored, names: Sequence[str]) -> Scored | None:
+    def _with_another(self, one: Scored, names: Collection[str]) -> Scored | None:
         for name in names:
             less = self._stripped(one, name)
             others = [other for other in self._other(less) if other not in one.effects]
@@ -330,6 +379,18 @@ class Selection:
             if better is not None and is_better and self._better(one, better) is better:
                 return better
         return None
+
+
+def exchange(one: Scored, other: Scored) -> tuple[str, str]:
+    """Return the effect that another set lacks and its replacement; empty unless exactly one is replaced."""
+    gone, instead = set(one.effects) - set(other.effects), set(other.effects) - set(one.effects)
+    return (gone.pop(), instead.pop()) if len(gone) == len(instead) == 1 else ("", "")
+
+
+def is_rival(one: Scored, other: Scored) -> bool:
+    """Whether another set is about as probable, with one effect replaced; jittered delays have no rival."""
+    gone, instead = exchange(one, other)
+    return bool(gone) and JITTER not in {gone, instead} and one.score - other.score <= config.CLOSE
 
 
 def _best(found: Sequence[Scored], count: int) -> list[Scored]:

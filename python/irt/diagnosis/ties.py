@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from irt.diagnosis import config
-from irt.diagnosis.hypotheses import ALIKE, JITTER
+from irt.diagnosis.hypotheses import ALIKE
 from irt.diagnosis.score import Array, Scored, Scores
-from irt.diagnosis.selection import Posterior, renamed
+from irt.diagnosis.selection import Posterior, exchange, is_rival, renamed
 from irt.diagnosis.validation import Validation
 
 
@@ -54,20 +54,14 @@ def exchanged(posterior: Posterior, validation: Validation) -> list[Tie]:
     best, found = posterior.best, []
     scores = {frozenset(one.effects): one.score for one in posterior.sets}
     for one in posterior.sets:
-        gone, instead = _difference(best, one)
-        less = best.score - one.score
-        if not gone or JITTER in {gone, instead} or less > config.CLOSE:
+        if not is_rival(best, one):
             continue
+        gone, instead = exchange(best, one)
+        less = best.score - one.score
         gain = one.score - scores.get(frozenset(best.effects) - {gone}, -math.inf)
         if less < config.TIE or (gain > config.SURE and not validation.is_better(best, one)):
             found.append(Tie(gone, instead, one))
     return found
-
-
-def _difference(best: Scored, one: Scored) -> tuple[str, str]:
-    """Return the effect that a set lacks and its replacement; empty unless exactly one is replaced."""
-    gone, instead = set(best.effects) - set(one.effects), set(one.effects) - set(best.effects)
-    return (gone.pop(), instead.pop()) if len(gone) == len(instead) == 1 else ("", "")
 
 
 def _is_same(one: Scored, other: Scored) -> bool:

@@ -1,0 +1,77 @@
+"""Local maxima of the likelihood of one set of effects, and the effects that show at each of them.
+
+Where much physics is missing, the likelihood has many maxima. At the highest, parameters and random push may
+hide the missing effects: a picture so large that no marble reaches a wall, or a slowly varying push that
+absorbs any constant. Two fits are distinct maxima if the likelihood is lower between them (the hill-valley
+test: Ursem, "Multinational evolutionary algorithms", 1999).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from irt.diagnosis import config
+from irt.diagnosis.score import PULL, PULL_S, PUSH, Scored, Scores
+from irt.diagnosis.screening import Promise, Screening
+
+#: Points between two maxima, as shares of the way.
+BETWEEN = (0.25, 0.5, 0.75)
+
+
+def distinct(scores: Scores, fits: Sequence[Scored]) -> list[Scored]:
+    """Return the distinct maxima among fits of one set, the most probable first, at most `config.MAXIMA`."""
+    found: list[Scored] = []
+    for one in sorted((fit for fit in fits if math.isfinite(fit.score)), key=lambda fit: -fit.score):
+        if len(found) < config.MAXIMA and all(_valley(scores, other, one) > config.SURE for other in found):
+            found.append(one)
+    return found
+
+
+def promising(scores: Scores, names: Sequence[str]) -> list[tuple[Scored, list[Promise]]]:
+    """Return maxima of the five parameters alone with their screened effects, the largest gain first.
+
+    Of the maxima at which the same effect gains most, only the one with the largest sum of score and gain is
+    returned.
+    """
+    best: dict[str, tuple[Scored, list[Promise]]] = {}
+    for one in distinct(scores, scores.fits_of_base):
+        promises = Screening(scores, one).promises(names)
+        kept = best.get(promises[0].name)
+        if kept is None or one.score + promises[0].gain > kept[0].score + kept[1][0].gain:
+            best[promises[0].name] = (one, promises)
+    return list(best.values())
+
+
+def without_pull(scores: Scores, one: Scored, names: Sequence[str]) -> tuple[Scored, list[Promise]]:
+    """Return a set that is fitted with a white push only, and its screened effects.
+
+    Their start noise sizes include a correlated push again.
+    """
+    noise = np.tile(one.noise, (2, 1))
+    noise[:, PULL], noise[:, PUSH] = 0.0, config.PUSHES[1:3]
+    values = np.tile(one.top.values, (len(noise), 1))
+    found = scores.ascend(one.effects, values, noise, one.top.states, iterations=config.THOROUGH)
+    still = max(found, key=lambda each: each.score)
+    return still, [_pulled(promise) for promise in Screening(scores, still).promises(names)]
+
+
+def _pulled(promise: Promise) -> Promise:
+    noise = promise.noise.copy()
+    noise[:, [PULL, PULL_S]] = config.PULL, config.PULL_S
+    return replace(promise, noise=noise)
+
+
+def _valley(scores: Scores, one: Scored, other: Scored) -> float:
+    """Return by how much the likelihood between two maxima is below that of the lower one [nats]."""
+    shares = np.array(BETWEEN)[:, None]
+    values = (1.0 - shares) * one.top.values + shares * other.top.values
+    sizes = [np.log(np.maximum(each.noise, 1e-12)) for each in (one, other)]
+    noise = np.exp((1.0 - shares) * sizes[0] + shares * sizes[1])
+    states = [(1.0 - share) * one.top.states + share * other.top.states for share in BETWEEN]
+    found = scores.problem(one.effects).filter(values, noise, states)
+    least = min(float(each.log_likelihood.sum()) for each in found)
+    return min(float(one.top.log_likelihood), float(other.top.log_likelihood)) - least
