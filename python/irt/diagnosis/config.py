@@ -62,7 +62,7 @@ NEAR, AGAIN = 60.0, 6
 #: Starts that are drawn from the posterior of a set, because there are more maxima close to the one found.
 SHAKEN = 4
 #: Most local maxima of the five parameters alone that are screened.
-MAXIMA = 8
+MAXIMA = 6
 #: Largest difference of scores at which held-out errors decide [nats]; engines with equal physics differ by
 #: as much.
 CLOSE = 20.0

@@ -28,8 +28,8 @@ class Relevance:
     No engine reproduces a rig exactly at walls and close to rest, and in long recordings a small effect of
     the catalogue can describe the difference. Therefore a set keeps an effect only if its interval excludes
     the neutral value, and if it is needed: the held-out error increases without it by a share of the
-    tracker's noise, or the held-out recordings are certainly likelier with it and it moves predictions by the
-    tracker's noise.
+    tracker's noise, or the held-out recordings are certainly likelier with it, and by more than engines with
+    equal physics differ, or it moves predictions by the tracker's noise.
 
     Attributes
     ----------
@@ -40,6 +40,7 @@ class Relevance:
     selection: Selection
     posterior: Posterior
     _without: dict[Scored, dict[str, Scored]] = field(default_factory=dict)
+    _freed: dict[tuple[Scored, str], Scored] = field(default_factory=dict)
     _parameters: dict[Scored, Estimates] = field(default_factory=dict)
 
     @property
@@ -75,7 +76,7 @@ class Relevance:
         residuals of free runs are about the tracker's noise, there is nothing to gain. A push accumulates in
         free runs, and their values may undo an effect: such values are rejected.
         """
-        if one.is_free or one.fitted.noise < (1.0 + config.MATTERS) * one.dataset.noise:
+        if one.is_free or _is_exact(one):
             return one
         other = Scores.of(one).freed(one)
         if self._undoes_an_effect(other, one):
@@ -93,11 +94,22 @@ class Relevance:
         """Return the increase of the held-out error without an effect [board edges].
 
         It is the larger increase of complete runs and of windows of `config.HORIZON_S`: in long runs, a push
-        that does not repeat can hide what each window shows.
+        that does not repeat can hide what each window shows. Without the effect, complete runs are predicted
+        by the better of the values from the filter and from free runs, as those of a set are.
         """
         without, full = (self.validation.of(each) for each in (self.without(one, name), one))
         windows = without.windowed - full.windowed
-        return max(without.mae - full.mae, windows if np.isfinite(windows) else -np.inf)
+        runs = without.mae - full.mae
+        if runs >= config.MATTERS * one.dataset.noise and not (one.is_free or _is_exact(one)):
+            runs = min(runs, self.validation.of(self._freed_without(one, name)).mae - full.mae)
+        return max(runs, windows if np.isfinite(windows) else -np.inf)
+
+    def _freed_without(self, one: Scored, name: str) -> Scored:
+        """Return a set without one of its effects, with values from free runs."""
+        key = (one, name)
+        if key not in self._freed:
+            self._freed[key] = Scores.of(one).freed(self.without(one, name))
+        return self._freed[key]
 
     def _is_needed(self, one: Scored, name: str) -> bool:
         """Whether an effect matters to predictions of held-out recordings.
@@ -108,9 +120,12 @@ class Relevance:
         if name == JITTER:
             return math.isfinite(one.score)
         noise, without = one.dataset.noise, self.without(one, name)
-        return self.loss(one, name) >= config.MATTERS * noise or (
-            self.validation.is_likelier(one, without) and self.validation.difference(one, without) >= noise
-        )
+        if self.loss(one, name) >= config.MATTERS * noise:
+            return True
+        if not self.validation.is_likelier(one, without):
+            return False
+        gain = float(self.validation.likelihood_gains(one, without).sum())
+        return gain > config.CLOSE or self.validation.difference(one, without) >= noise
 
     def _is_probable(self, name: str) -> bool:
         """Whether an effect or one of its ties is probable enough to be named.
@@ -152,3 +167,8 @@ class Relevance:
             if not (matters and self._is_probable(name)):
                 return name, matters
         return None
+
+
+def _is_exact(one: Scored) -> bool:
+    """Whether the residuals of free runs are about the tracker's noise, so that their values gain nothing."""
+    return one.fitted.noise < (1.0 + config.MATTERS) * one.dataset.noise

@@ -178,8 +178,8 @@ class Selection:
         if parent.effects or (better is not None and better.score > parent.score + config.NEAR):
             return better
         for maximum, promises in promising(self.scores, self._other(parent)):
-            if maximum is not parent:
-                to_beat = parent if better is None else better
+            to_beat = parent if better is None else better
+            if maximum is not parent and maximum.score + promises[0].gain > to_beat.score - config.NEAR:
                 found = self._fitted(maximum, promises[: config.SWAPPED], to_beat.score)
                 better = self._if_better(found, to_beat, better)
         return better

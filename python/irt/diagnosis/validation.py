@@ -138,9 +138,13 @@ class Validation:
         The filter corrects the marble in every row. Errors of windows contain those of their start states,
         and those of free runs contain pushes that do not repeat: both can hide what the rows show.
         """
-        here, other = (self.of(each.filtered or each).likelihoods for each in (one, than))
-        gains = here - other
+        gains = self.likelihood_gains(one, than)
         return bool(gains.sum() > config.SURE) and _agree(gains)
+
+    def likelihood_gains(self, one: Scored, than: Scored) -> Array:
+        """Return the gain in log-likelihood of each held-out recording over another set, (r,) [nats]."""
+        here, other = (self.of(each.filtered or each).likelihoods for each in (one, than))
+        return here - other
 
     def difference(self, one: Scored, other: Scored) -> float:
         """Return the root mean square difference of two sets' predictions [board edges].
