@@ -11,6 +11,7 @@ import numpy as np
 
 from irt import arguments
 from irt.catalogue import EffectInfo, effects
+from irt.diagnosis.dataset import horizon_row_s
 from irt.diagnosis.result import UNLISTED, Candidate, Diagnosis, NamedEffect, RunProof
 from irt.diagnosis.words import LEARNED
 from irt.engine import SUBSTEP_S
@@ -144,7 +145,7 @@ class _Report:
 
     def _budget(self) -> Picture | None:
         """Draw the error budget of the base model."""
-        found = bars(self.diagnosis, None if self.stamped else self.row_s)
+        found = bars(self.diagnosis, horizon_row_s(self.rig))
         if not found:
             return None
         path = self.folder / "budget.svg"

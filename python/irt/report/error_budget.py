@@ -66,7 +66,7 @@ def bars(diagnosis: Diagnosis, row_s: float | None = None) -> list[Bar]:
     diagnosis : Diagnosis
         Its `budget` is empty if nothing was held out.
     row_s : float, optional
-        Duration of a row [s] if recordings have no stamps; horizons are then given in rows.
+        Duration of a row [s] by which horizons are counted if recordings have no stamps (`horizon_row_s`).
     """
     horizons = dict.fromkeys(one.horizon_s for one in diagnosis.budget)
     return [
