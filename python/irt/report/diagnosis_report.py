@@ -14,9 +14,10 @@ from irt.catalogue import EffectInfo, effects
 from irt.diagnosis.dataset import horizon_row_s
 from irt.diagnosis.result import UNLISTED, Candidate, Diagnosis, NamedEffect, RunProof
 from irt.diagnosis.words import LEARNED
+from irt.display import listed
 from irt.engine import SUBSTEP_S
 from irt.files import PathLike, make_folder
-from irt.model import Parameter
+from irt.model import Model, Parameter
 from irt.report import diagnosis_tables as tables
 from irt.report.animation import PLAYER, Animation
 from irt.report.budget_plots import plot_budget
@@ -32,7 +33,7 @@ from irt.report.diagnosis_plots import (
     plot_ranking,
     sides,
 )
-from irt.report.error_budget import bars, remainder
+from irt.report.error_budget import bars, remainder, squares_explained
 from irt.report.learned import terms_table
 from irt.report.learned_plots import learned_pictures
 from irt.report.page import Picture, write_page
@@ -41,7 +42,6 @@ from irt.report.words import (
     counted,
     explained,
     in_rows,
-    listed,
     millimetres,
     percent,
     plain,
@@ -114,7 +114,7 @@ class _Report:
         self.folder, self.rig, self.diagnosis = folder, rig, diagnosis
         self.shown = sides(diagnosis)
         self.stamped = all(recording.stamps is not None for recording in rig.recordings)
-        self.row_s = diagnosis.model.parameters["time_scale"].value * SUBSTEP_S
+        self.row_s = _row_s(diagnosis.model)
         # Simulated recordings may have no noise.
         self.noise = max(diagnosis.noise, _LEAST_NOISE)
         self.floor = mean_absolute(diagnosis.noise)
@@ -278,7 +278,9 @@ class _Report:
             return []
         most = max(pushes, key=lambda one: float(np.nan_to_num(one.base**2).mean()))
         path = self.folder / "push.svg"
-        plot_push(path, most, self.shown, self.row_s, stamped=self.stamped)
+        models = {"base": self.diagnosis.base, "final": self.diagnosis.model}
+        rows_s = [_row_s(models[side.which]) for side in self.shown]
+        plot_push(path, most, self.shown, rows_s, stamped=self.stamped)
         caption = (
             f"{most.recording}: acceleration of the marble that is missing in the simulator, estimated from "
             "all rows, with 95 % bands. Where the physics is complete, the bands contain zero."
@@ -345,6 +347,11 @@ def _key_figures(rig: Rig, diagnosis: Diagnosis) -> list[tuple[str, str]]:
     if not math.isnan(part):
         figures.append((share(part), f"of the error above that floor is explained by {_added(diagnosis)}"))
     return figures
+
+
+def _row_s(model: Model) -> float:
+    """Return the duration of a row in a model [s]."""
+    return model.parameters["time_scale"].value * SUBSTEP_S
 
 
 def _added(diagnosis: Diagnosis) -> str:
@@ -436,7 +443,7 @@ def _explanation(diagnosis: Diagnosis) -> str:
         )
     return (
         f"{where} the error falls from {before} to {after} of the edge: {share(part)} of what exceeds "
-        f"{floor_is} ({percent(floor)})."
+        f"{floor_is} ({percent(floor)}).{squares_explained(diagnosis)}"
     )
 
 

@@ -109,6 +109,17 @@ def remainder(diagnosis: Diagnosis) -> Iterator[str]:
         )
 
 
+def squares_explained(diagnosis: Diagnosis) -> str:
+    """Return a sentence on the share that the effects explain by the budget; empty without a budget.
+
+    Half of an error is a quarter of its square, so the share of the errors seems to contradict the budget.
+    """
+    rest = [one.share for one in diagnosis.budget if one.horizon_s is None and one.what in {TRACKER, REST}]
+    if not rest:
+        return ""
+    return f" Of the squared error, in which large errors weigh more, it is {share(1.0 - sum(rest))}."
+
+
 def _worst_run(diagnosis: Diagnosis) -> str | None:
     """Return the one of several runs with more than half of the squared held-out error; None if none has."""
     squares = {one.recording: float(np.nansum((one.final - one.observed) ** 2)) for one in diagnosis.runs}
