@@ -327,14 +327,14 @@ def _least(diagnosis: Diagnosis) -> tuple[float, str]:
 
 
 def _key_figures(rig: Rig, diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """Return the errors before and after, the least possible error, and the explained share."""
+    """Return the errors before and after, that of a perfect simulator, and the explained share."""
     edge = rig.board.edge_x_m
     floor, floor_is = _least(diagnosis)
     before, after = _errors_of(diagnosis)
     mean = "mean held-out error, of the board's edge" if diagnosis.is_held_out else "mean error of the fit"
     noise = (
         percent(floor),
-        f"the least error that any model can have: {floor_is} ({millimetres(floor, edge)})",
+        f"expected of a perfect simulator, from {floor_is} ({millimetres(floor, edge)})",
     )
     if not diagnosis.effects:
         return [(percent(before), f"{mean} ({millimetres(before, edge)})"), noise]
@@ -375,6 +375,8 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
         if tried:
             number = counted(len(tried), "hypothesis", "hypotheses")
             yield f"None of the {number} is supported by the recordings."
+        else:
+            yield "No effect of the catalogue promised to explain more than chance does, so none was fitted."
         if diagnosis.power:
             yield "A small effect may still be present; see the table of detectable sizes."
     tied = False
@@ -421,6 +423,8 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
 
 def _with_ties(one: NamedEffect) -> str:
     """Return an effect with its ties, which share its probability."""
+    if one.name == UNLISTED:
+        return "the learned correction"
     return listed(map(plain, [one.name, *one.confusable_with]), "or")
 
 
@@ -434,12 +438,13 @@ def _explanation(diagnosis: Diagnosis) -> str:
     )
     if not diagnosis.effects:
         return (
-            f"{where} the five parameters leave an error of {before} of the edge; the least "
-            f"possible, by {floor_is}, is {percent(floor)}."
+            f"{where} the five parameters leave an error of {before} of the edge; {percent(floor)} is "
+            f"expected of a perfect simulator, from {floor_is}."
         )
     if math.isnan(part):
         return (
-            f"{where} the error was near the least possible already: {before} of the edge, and {after} after."
+            f"{where} the error was near that of a perfect simulator already: {before} of the edge, and "
+            f"{after} after."
         )
     return (
         f"{where} the error falls from {before} to {after} of the edge: {share(part)} of what exceeds "

@@ -162,7 +162,8 @@ def power(diagnosis: Diagnosis, stated: Stated) -> Table | None:
             ]
         )
     return Table(
-        "Smallest size that is detected with a probability of 80 % or more",
+        "Smallest size that is detected with a probability of 80 % or more. A size is the distance from the "
+        "value at which an effect does nothing, such as 1 for a ratio",
         ["effect", "parameter", "detected from", "tested up to"],
         rows,
     )

@@ -104,8 +104,8 @@ def remainder(diagnosis: Diagnosis) -> Iterator[str]:
             yield f"Most of the error is in {name}: look at that run."
     if found.floor_of_the_log > 0.0:
         yield (
-            f"Even a perfect simulator would have an error of {percent(found.floor_of_the_log)} of the edge, "
-            "from tracker noise and uncertain start states."
+            f"Even a perfect simulator would have an error of {percent(found.floor_of_the_log)} of the edge "
+            "on average, from tracker noise and uncertain start states."
         )
 
 
