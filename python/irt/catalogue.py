@@ -140,6 +140,7 @@ class EffectInfo:
         return f"{self.does} {self.matters} {self.looks}"
 
 
+@arguments.entry
 def effects() -> list[EffectInfo]:
     """List the catalogue of physical effects, in the order in which they act from command to picture."""
     return [one for one in _known().values() if one.listed]
