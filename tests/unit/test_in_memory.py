@@ -121,7 +121,7 @@ def test_a_tilt_in_degrees_is_refused_as_in_a_file():
 
 def test_dates_are_no_seconds():
     dates = np.arange(3).astype("datetime64[s]")
-    with pytest.raises(irt.IrtError, match="run: stamps must be an array of numbers .dates or durations"):
+    with pytest.raises(irt.IrtError, match="dates or durations: give seconds"):
         irt.Recording.from_arrays(commands=np.eye(3, 2), marble=np.zeros((3, 2)), t=dates)
 
 
