@@ -297,7 +297,8 @@ def main() -> None:
     policy = train(envs, args)
     share, rows = trial(policy, labyrinths(model, given.maze, 256, given.tilt, **options), args, given.rows)
     row_s = model.parameters["time_scale"].value * SUBSTEP_S
-    print(f"from the start {share:.0%} of 256 marbles arrive, after {rows * row_s:.1f} s")
+    when = f", after {rows * row_s:.1f} s" if share else ""
+    print(f"from the start {share:.0%} of 256 marbles arrive{when}")
     if given.out is not None:
         torch.save({"policy": policy.state_dict(), "args": vars(args)}, given.out)
 
