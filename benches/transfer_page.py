@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import irt
+from irt.catalogue import effect
 from irt.files import write_atomic
 from machine import machine
 
@@ -39,7 +40,7 @@ OURS = "diagnosed"
 RESAMPLES = 4000
 MEASURES: dict[str, Measure] = {
     "arrived [%]": lambda run: 100.0 * (run["ended"] == "arrived"),
-    "of the path [%]": lambda run: 100.0 * float(run["progress"]),
+    "progress along the path [%]": lambda run: 100.0 * float(run["progress"]),
     "time of those that arrived [s]": lambda run: (
         float(run["seconds"]) if run["ended"] == "arrived" else float("nan")
     ),
@@ -48,13 +49,17 @@ MEASURES: dict[str, Measure] = {
 
 
 def write_page(path: Path, rigs: Mapping[str, Sequence[Path]], arms: Sequence[str], text: str) -> None:
-    """Write the page over the rigs of each task, by their folders; `text` says how it was done."""
+    """Write the page over the rigs of each task, by their folders.
+
+    The first paragraph of `text` is the question, the others say how it was done.
+    """
     runs = {
         (task, arm): [_read(folder / f"{task}-{arm}.json") for folder in some]
         for task, some in rigs.items()
         for arm in arms
     }
-    lines = ["# The proof by transfer", "", *(_headline(runs, task, arms) for task in rigs), "", text]
+    question, _, how = text.partition("\n\n")
+    lines = ["# The proof by transfer", "", question, "", *_headlines(runs, list(rigs), arms), "", how]
     lines += _provenance()
     for task in rigs:
         lines += ["", f"## {TASKS[task]}", "", *_overall(runs, task, arms)]
@@ -74,16 +79,21 @@ def _provenance() -> Iterator[str]:
     yield "intervals: rigs are resampled, and seeds within rigs. Differences are of the same rig and seed."
 
 
-def _headline(runs: Runs, task: str, arms: Sequence[str]) -> str:
-    """Return how many runs of each arm arrived, and how near to the path they were, as an item of a list."""
+def _headlines(runs: Runs, tasks: Sequence[str], arms: Sequence[str]) -> Iterator[str]:
+    """Yield a table of how many runs of each arm arrived, and how near to the path they were."""
 
-    def mean(arm: str, measure: str) -> float:
+    def mean(task: str, arm: str, measure: str) -> float:
         return float(np.mean(_table(runs[task, arm], MEASURES[measure])))
 
-    arrived = [f"{mean(arm, 'arrived [%]'):.0f} % ({TITLES[arm]})" for arm in arms]
-    beside = [f"{mean(arm, 'beside the path [mm]'):.1f}" for arm in arms]
-    what = f"{TASKS[task]}, {len(runs[task, arms[0]])} rigs"
-    return f"- {what}: of the runs arrived {', '.join(arrived)}; {', '.join(beside)} mm beside the path."
+    titles = " | ".join(TITLES[arm] for arm in arms)
+    yield f"| runs that arrived, and their distance from the path | {titles} |"
+    yield "| --- |" + " --- |" * len(arms)
+    for task in tasks:
+        cells = [
+            f"{mean(task, arm, 'arrived [%]'):.0f} %, {mean(task, arm, 'beside the path [mm]'):.1f} mm"
+            for arm in arms
+        ]
+        yield f"| {TASKS[task]}, {len(runs[task, arms[0]])} rigs | {' | '.join(cells)} |"
 
 
 def _overall(runs: Runs, task: str, arms: Sequence[str]) -> Iterator[str]:
@@ -142,8 +152,14 @@ def _arrived(runs: list[dict[str, Any]]) -> str:
 
 
 def _sized(hidden: dict[str, Any]) -> str:
-    sizes = ", ".join(f"{size:.2g}" for name, size in hidden.items() if name != "name")
-    return f"{hidden['name']} {sizes}"
+    """Return an effect with its values and their units; values with the same unit share it."""
+    units = {one.name: one.unit for one in effect(hidden["name"]).parameters}
+    sizes: dict[str, list[str]] = {}
+    for name, size in hidden.items():
+        if name != "name":
+            sizes.setdefault(units[name], []).append(f"{size:.2g}")
+    shown = "; ".join(f"{', '.join(some)} {unit}".rstrip() for unit, some in sizes.items())
+    return f"{hidden['name']} {shown}"
 
 
 def _table(rigs: list[list[dict[str, Any]]], measure: Measure) -> Array:

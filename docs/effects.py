@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
@@ -95,6 +96,7 @@ def draw(effect: EffectInfo) -> str:
             for tilt, colour in ((base, style.MUTED), (changed, style.TUNED)):
                 over_time.plot(seconds, tilt[:, axis], color=colour)
             over_time.set(xlabel="time  [s]", title=f"measured tilt about {'xy'[axis]}  [rad]")
+            _name_lines(over_time)
             return _with_units(effect, values)
         above, over_time = figure.subplots(1, 2, width_ratios=(1.0, 1.3))
         rim = Rectangle((-half_x, -half_y), 2 * half_x, 2 * half_y, fill=False, ec=style.MUTED, lw=0.7)
@@ -102,13 +104,21 @@ def draw(effect: EffectInfo) -> str:
         for path, colour in ((base, style.MUTED), (changed, style.TUNED)):
             above.plot(*path.T, color=colour)
             over_time.plot(seconds, path[:, axis], color=colour)
-        margin = 1.05 + radius
-        above.set(xlim=(-half_x * margin, half_x * margin), ylim=(-half_y * margin, half_y * margin))
+        # A camera may see the marble beyond the rim.
+        seen = np.max([np.abs(path).max(axis=0) for path in (base, changed)], axis=0)
+        far_x, far_y = np.maximum(seen, (half_x, half_y)) * (1.05 + radius)
+        above.set(xlim=(-far_x, far_x), ylim=(-far_y, far_y))
         above.set(aspect="equal", xticks=[], yticks=[], title="from above")
         above.grid(visible=False)
         above.spines[:].set_visible(False)
         over_time.set(xlabel="time  [s]", title=f"{'xy'[axis]}  [edges]")
+        _name_lines(over_time)
     return _with_units(effect, values)
+
+
+def _name_lines(axes: Axes) -> None:
+    axes.set_title("without", loc="center", color=style.MUTED)
+    axes.set_title("with", loc="right", color=style.TUNED)
 
 
 def _with_units(effect: EffectInfo, values: dict[str, float]) -> str:

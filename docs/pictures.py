@@ -60,7 +60,7 @@ def _draw_path(axes: Any, found: Diagnosis, side: Side) -> None:
         "start", run.observed[0], xytext=(-7, 0), textcoords="offset points", ha="right", va="center"
     )
     what = "five parameters" if side.which == "base" else f"{_names(found)} added"
-    axes.set_title(f"{what}: {percent(side.mae(run))} off", color=side.colour, fontweight="bold")
+    axes.set_title(f"{what}: {percent(side.mae(run))} of edge off", color=side.colour, fontweight="bold")
     axes.set_title("• recorded", color=style.RECORDED, loc="right")
     half = 1.015 * rim_of(model)
     axes.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), xticks=TICKS, yticks=TICKS, aspect="equal")
@@ -81,7 +81,7 @@ def _draw_budget(axes: Any, found: Diagnosis) -> None:
     bar = bars(found)[0]
     nameless = draw_bar(axes, bar, (-0.4, 0.4), WIDTH)
     axes.set(xlim=(0.0, 1.0), ylim=(-0.5, 0.5))
-    axes.set_title(f"where the squared error on held-out runs goes, {bar.title}")
+    axes.set_title(f"where the squared error of five parameters goes, held-out {bar.title}")
     for index, place in zip(reversed(nameless), np.linspace(1.0, 0.0, 4), strict=False):
         look = {"color": colour(bar.parts, index), "transform": axes.transAxes, "ha": "right", "va": "top"}
         axes.text(place, -0.25, labels(bar.parts[index])[0], **look)

@@ -25,7 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import irt
+from irt.cli.__main__ import report_errors
+from irt.cli.inputs import whole
 from irt.engine import SUBSTEP_S
+
+if __name__ == "__main__":
+    report_errors("mpc.py")
+
 from irt.environment import LabyrinthEnv, Task
 from irt.environment.vector import default_model
 
@@ -222,9 +228,9 @@ def main() -> None:
     parser.add_argument("--model", help="model.toml; by default the paper's labyrinth")
     parser.add_argument("--maze", default="bare", help="name of a layout")
     parser.add_argument("--tilt", type=float, default=0.02, help="largest tilt [rad]")
-    parser.add_argument("--rows", type=int, default=600, help="rows until the controller gives up")
-    parser.add_argument("--draws", type=int, default=1, help="models that plans are scored by")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--rows", type=whole(1), default=600, help="rows until the controller gives up")
+    parser.add_argument("--draws", type=whole(1), default=1, help="models that plans are scored by")
+    parser.add_argument("--seed", type=whole(0), default=0)
     args = parser.parse_args()
     model = default_model() if args.model is None else irt.load_model(args.model)
     row_s = model.parameters["time_scale"].value * SUBSTEP_S

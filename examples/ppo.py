@@ -16,15 +16,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
-import torch
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
-from torch import Tensor, nn
 
 import irt
+from irt.cli.__main__ import report_errors
+from irt.cli.inputs import whole
 from irt.engine import SUBSTEP_S
+from irt.extras import require
+from irt.files import make_folder
+
+if __name__ == "__main__":
+    report_errors("ppo.py")
+
+require("gymnasium", "ppo.py")
+require("torch", "ppo.py")
+
+import gymnasium
+import torch
+from gymnasium.vector import AutoresetMode
+from torch import Tensor, nn
+
 from irt.environment import ENV_ID, Reward
 from irt.environment.vector import default_model
 
@@ -270,19 +282,23 @@ def main() -> None:
     parser.add_argument("--model", help="model.toml; by default the paper's labyrinth")
     parser.add_argument("--maze", default="bare", help="name of a layout")
     parser.add_argument("--tilt", type=float, default=0.02, help="largest tilt [rad]")
-    parser.add_argument("--steps", type=int, default=Args.steps)
-    parser.add_argument("--rows", type=int, default=400, help="rows of an episode")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--steps", type=whole(1), default=Args.steps)
+    parser.add_argument("--rows", type=whole(1), default=400, help="rows of an episode")
+    parser.add_argument("--seed", type=whole(0), default=0)
     parser.add_argument("--out", type=Path, help="file of the policy")
     given = parser.parse_args()
     args = Args(steps=given.steps, seed=given.seed)
     model = default_model() if given.model is None else irt.load_model(given.model)
+    if given.out is not None:
+        # Before the training, which would be lost.
+        make_folder(given.out.parent)
     options = {"max_episode_steps": given.rows, "reward": Reward(time=-0.01)}
     envs = labyrinths(model, given.maze, args.marbles, given.tilt, random_start=True, **options)
     policy = train(envs, args)
     share, rows = trial(policy, labyrinths(model, given.maze, 256, given.tilt, **options), args, given.rows)
     row_s = model.parameters["time_scale"].value * SUBSTEP_S
-    print(f"from the start {share:.0%} of 256 marbles arrive, after {rows * row_s:.1f} s")
+    when = f", after {rows * row_s:.1f} s" if share else ""
+    print(f"from the start {share:.0%} of 256 marbles arrive{when}")
     if given.out is not None:
         torch.save({"policy": policy.state_dict(), "args": vars(args)}, given.out)
 

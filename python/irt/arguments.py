@@ -78,11 +78,24 @@ def pair(name: str, value: object) -> tuple[float, float]:
 def array(name: str, values: Any) -> NDArray[np.float64]:
     """Return a copy of an array of numbers."""
     try:
-        if np.iscomplexobj(values):
-            raise TypeError("complex numbers")
-        return np.array(values, dtype=np.float64)
+        return np.array(real(values), dtype=np.float64)
     except (ValueError, TypeError, OverflowError) as error:
         raise IrtError(f"{name} must be an array of numbers ({error})") from error
+
+
+def real(values: Any) -> Any:
+    """Return values unchanged, unless numpy would take them for numbers that they are not.
+
+    Raises
+    ------
+    TypeError
+        If they are complex, or dates and durations, whose unit would be lost.
+    """
+    if np.iscomplexobj(values):
+        raise TypeError("complex numbers")
+    if getattr(getattr(values, "dtype", None), "kind", "f") in "mM":
+        raise TypeError("dates or durations: give seconds, such as (t - t[0]) / np.timedelta64(1, 's')")
+    return values
 
 
 def flag(name: str, value: object) -> bool:

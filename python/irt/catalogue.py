@@ -130,6 +130,11 @@ class EffectInfo:
         """The parameters of every fit: all but the optional ones, which come last."""
         return self.used(())
 
+    @property
+    def is_at_knob_angles(self) -> bool:
+        """Whether a fit searches it at angles of the knob."""
+        return self.stage == "actuation" and any("rad" in one.unit for one in self.required)
+
     def used(self, named: Container[str]) -> tuple[EffectParameter, ...]:
         """Return the parameters of a fit: all that are not optional, and those that are named."""
         return tuple(one for one in self.parameters if not one.optional or one.name in named)
@@ -140,6 +145,7 @@ class EffectInfo:
         return f"{self.does} {self.matters} {self.looks}"
 
 
+@arguments.entry
 def effects() -> list[EffectInfo]:
     """List the catalogue of physical effects, in the order in which they act from command to picture."""
     return [one for one in _known().values() if one.listed]

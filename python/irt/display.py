@@ -59,6 +59,12 @@ def _seconds(unit: str) -> int:
     return 0 if found is None else int((found.group(1) or "1").translate(_SUPERSCRIPTS))
 
 
+def listed(items: Iterable[str], last: str = "and") -> str:
+    """Return items as an enumeration, such as "a, b and c"."""
+    *others, final = items
+    return f"{', '.join(others)} {last} {final}" if others else final
+
+
 def magnitude(value: float) -> int:
     """Return the order of magnitude of a number: the power of ten of its first digit."""
     return math.floor(math.log10(abs(value))) if value else 0

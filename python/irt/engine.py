@@ -338,18 +338,19 @@ def paper_drive(steps: int = 100, amplitude: float = 0.1, literal: bool = False)
     (steps, 2)
         ``knob_x_rad`` and ``knob_y_rad``.
     """
+    amplitude = arguments.number("amplitude", amplitude)
+    if not np.isfinite(amplitude):
+        raise IrtError(f"amplitude: expected a finite angle [rad], got {amplitude}")
     return _labsim.paper_drive(
         arguments.whole("steps", steps, 1),
-        arguments.number("amplitude", amplitude),
+        amplitude,
         arguments.flag("literal", literal),
     )
 
 
 def _numbers_of(what: str, values: Any, shape: str) -> Array:
     try:
-        if np.iscomplexobj(values):
-            raise TypeError("complex numbers")
-        return np.ascontiguousarray(values, dtype=np.float64)
+        return np.ascontiguousarray(arguments.real(values), dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise IrtError(f"{what}: expected numbers of shape {shape} ({error})") from error
 

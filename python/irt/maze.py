@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from irt import arguments
 from irt.dimensions import Board, Marble, check_number
-from irt.errors import IrtError, located, unknown_name
+from irt.errors import IrtError, located
 from irt.files import TomlTable, read_toml
 
 __all__ = ["Maze", "layouts", "read_maze"]
@@ -74,6 +74,7 @@ class Maze:
             check_number(name, getattr(self, name), 1e-6, 10.0, " m")
 
     @classmethod
+    @arguments.entry
     def of_layout(cls, name: str) -> Maze:
         """Return a maze that is shipped with the package; `layouts` lists their names.
 
@@ -82,8 +83,7 @@ class Maze:
         IrtError
             If no layout has this name.
         """
-        if name not in layouts():
-            raise unknown_name("layout", name, layouts())
+        name = arguments.word("layout", name, layouts())
         return _of_table(read_toml(_LAYOUTS / f"{name}.toml"))
 
     @property

@@ -26,7 +26,7 @@ from irt.posterior import (
     posterior_lines,
     read_posterior,
 )
-from irt.recording import as_commands, durations
+from irt.recording import as_commands, as_start, durations
 from irt.rig import (
     PARAMETERS,
     RANGES,
@@ -262,9 +262,9 @@ class Model:
 
         Parameters
         ----------
-        commands : (steps, 2) or (n, steps, 2) array, Recording or table
-            Knob angles [rad], or in the rig's own unit. Of a recording, and of a data frame or mapping with
-            the columns of one, the stamps and the marble's first place count as well.
+        commands : (steps, 2) or (n, steps, 2) array, Recording, path or table
+            Knob angles [rad], or in the rig's own unit. Of a recording, and of a file, data frame or mapping
+            with the columns of one, the stamps and the marble's first place count as well.
         start : (2,) or (n, 2) array, optional
             The marble's place in row 0 [board edges]; default that of the commands, or the centre.
         t : (steps,) array, optional
@@ -297,7 +297,7 @@ class Model:
         found = rollouts(
             self,
             given.knobs,
-            start=given.start if start is None else start,
+            start=given.start if start is None else as_start(start),
             start_velocity=start_velocity,
             durations=durations(stamps),
             seed=seed,

@@ -13,6 +13,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -85,13 +86,19 @@ def curves(lines: Sequence[Line], across: str, up: str) -> Figure:
         axes = figure.subplots()
         for line in lines:
             axes.plot(line.values, color=line.colour, label=line.label or None, lw=1.4)
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("")
+        make_logarithmic(axes)
         axes.set(xlabel=across, ylabel=up)
         if any(line.label for line in lines):
             axes.legend()
     return figure
+
+
+def make_logarithmic(axes: Any) -> None:
+    """Make the y axis logarithmic, with plain numbers at 1, 2 and 5."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_locator(NullLocator())
 
 
 def bars(names: Sequence[str], groups: Mapping[str, Sequence[float]], across: str) -> Figure:

@@ -21,6 +21,7 @@ from irt.validity import (
     CMD,
     KNOBS,
     MARBLE,
+    MOST_EDGES,
     STAMP,
     STEP,
     TILT,
@@ -112,7 +113,8 @@ class Recording:
             array = _owned(self.name, field, getattr(self, field))
             object.__setattr__(self, field, array)
             if array.shape != shape:
-                raise IrtError(f"{self.name}: {field} must have shape {shape}, not {array.shape}")
+                expected = "(n, 2)" if field == "knobs" else shape
+                raise IrtError(f"{self.name}: {field} must have shape {expected}, not {array.shape}")
         if self.columns not in (KNOBS, CMD):
             raise IrtError(f"{self.name}: columns must be {KNOBS} or {CMD}, not {self.columns}")
         check_commands(self.name, self.knobs, self.stamps, self.where, self.columns)
@@ -346,11 +348,11 @@ def load_commands(path: PathLike) -> Commands:
 
 
 def as_commands(value: Any) -> Commands:
-    """Return commands from an array, a recording, or a table as in `as_recording`.
+    """Return commands from an array, a recording, the path of a CSV file, or a table as in `as_recording`.
 
     Parameters
     ----------
-    value : (n, 2) or (r, n, 2) array, Recording or table
+    value : (n, 2) or (r, n, 2) array, Recording, path or table
         The commands. The start is the marble's first position in a recording or table, if any.
 
     Raises
@@ -360,6 +362,8 @@ def as_commands(value: Any) -> Commands:
     """
     if isinstance(value, Commands):
         return value
+    if isinstance(value, str | Path):
+        return load_commands(value)
     if isinstance(value, Recording):
         start = value.marble[0] if value.has_marble else None
         return Commands(value.knobs, start, value.stamps, value.columns)
@@ -373,6 +377,14 @@ def as_commands(value: Any) -> Commands:
     if knobs.ndim not in (2, 3) or knobs.shape[-1] != 2 or 0 in knobs.shape:
         raise IrtError(f"commands: expected shape (steps, 2) or (n, steps, 2), got {knobs.shape}")
     return Commands(knobs, None, None)
+
+
+def as_start(value: Any) -> Array:
+    """Return the marble's place in row 0 [board edges]; raise if it is in another unit."""
+    start = arguments.array("start", value)
+    if len(far := start[np.abs(start) > MOST_EDGES]):
+        raise IrtError(f"start: {far[0]:g} is not on the board; places are in edges from its centre")
+    return start
 
 
 def _commands(table: Columns) -> Commands:

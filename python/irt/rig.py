@@ -220,6 +220,12 @@ class Rig:
         )
 
     @property
+    def has_knob_angles(self) -> bool:
+        """Whether commands are angles of the knob, by their unit or by their size."""
+        largest = max(float(np.abs(one.knobs).max()) for one in self.recordings)
+        return self.commands.unit == "rad" or largest <= np.pi
+
+    @property
     def rows(self) -> int:
         """Rows of all recordings."""
         return sum(len(one.knobs) for one in self.recordings)

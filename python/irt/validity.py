@@ -26,7 +26,7 @@ TILT = ("tilt_x_rad", "tilt_y_rad")
 _NAMES = (STEP, STAMP, *KNOBS, *CMD, *MARBLE, *TILT)
 
 #: Largest median of positions [board edges]; larger values are in another unit.
-_MOST_EDGES = 2.0
+MOST_EDGES = 2.0
 #: Largest position [board edges] or command; squares of larger numbers may overflow.
 _LARGEST = 1e6
 #: Largest median tilt [rad], 29 degrees; labyrinths tilt less.
@@ -138,11 +138,11 @@ def check_marble(name: str, marble: Array, where: Where, *, alone: bool = False)
             f"{where(0, MARBLE[0])}: the marble is lost in the first row, where every prediction starts; "
             f"cut the rows until it is seen ({first}) and count the steps from 0 again"
         )
-    if np.median(np.abs(marble[seen]).max(axis=1)) > _MOST_EDGES:
+    if np.median(np.abs(marble[seen]).max(axis=1)) > MOST_EDGES:
         low, high = marble[seen].min(axis=0), marble[seen].max(axis=0)
         raise IrtError(
             f"{where(0, MARBLE[0])}: positions go from {low[0]:.4g}, {low[1]:.4g} to {high[0]:.4g}, "
-            f"{high[1]:.4g}, most of them more than {_MOST_EDGES:g} edges from the centre; positions are "
+            f"{high[1]:.4g}, most of them more than {MOST_EDGES:g} edges from the centre; positions are "
             "relative to the board's centre in units of its long edge: subtract the centre, then divide by "
             "the length of the long edge in the same unit (pixels or millimetres)"
         )

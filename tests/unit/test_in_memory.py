@@ -119,6 +119,12 @@ def test_a_tilt_in_degrees_is_refused_as_in_a_file():
         irt.Recording.from_arrays(commands=np.eye(3, 2), tilt=np.full((3, 2), 5.0))
 
 
+def test_dates_are_no_seconds():
+    dates = np.arange(3).astype("datetime64[s]")
+    with pytest.raises(irt.IrtError, match="dates or durations: give seconds"):
+        irt.Recording.from_arrays(commands=np.eye(3, 2), marble=np.zeros((3, 2)), t=dates)
+
+
 def test_a_tilt_alone_needs_no_marble():
     found = irt.Recording.from_arrays(commands=np.eye(3, 2), tilt=np.full((3, 2), 0.01))
     assert not found.has_marble

@@ -96,10 +96,11 @@ def test_a_moving_start_holds_the_first_command_before():
     ("commands", "options", "message"),
     [
         (np.zeros((5, 3)), {}, "commands: expected shape"),
-        ("knobs.csv", {}, "commands must be an array of numbers"),
+        ("knobs.csv", {}, "knobs.csv: no such file"),
         (KNOBS, {"t": STAMPS[:-1]}, "t: expected 80 rising times"),
         (KNOBS, {"t": STAMPS[::-1]}, "t: expected 80 rising times"),
         (KNOBS, {"start": [0.0, 0.0, 0.0]}, "start: expected shape"),
+        (KNOBS, {"start": [320.0, 0.0]}, "start: 320 is not on the board"),
         (KNOBS, {"begin": [0.0, 0.0]}, 'unknown option of predict "begin"'),
         ({"knob_x_rad": [0.0, 0.1]}, {}, "column knob_y_rad is missing"),
     ],

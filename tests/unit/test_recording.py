@@ -218,7 +218,7 @@ def test_missing_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("knobs", "marble", "stamps", "message"),
     [
-        (np.zeros((3, 3)), np.zeros((3, 2)), None, r"run: knobs must have shape \(3, 2\), not \(3, 3\)"),
+        (np.zeros((3, 3)), np.zeros((3, 2)), None, r"run: knobs must have shape \(n, 2\), not \(3, 3\)"),
         (np.zeros((3, 2)), np.zeros((4, 2)), None, r"run: marble must have shape \(3, 2\), not \(4, 2\)"),
         (
             np.zeros((3, 2)),
@@ -226,7 +226,7 @@ def test_missing_file(tmp_path: Path) -> None:
             np.arange(4.0),
             r"run: stamps must have shape \(3,\), not \(4,\)",
         ),
-        (0.0, 0.0, None, r"run: knobs must have shape \(1, 2\), not \(\)"),
+        (0.0, 0.0, None, r"run: knobs must have shape \(n, 2\), not \(\)"),
         ("left", np.zeros((3, 2)), None, "run: knobs must be an array of numbers"),
         (np.zeros((1, 2)), np.zeros((1, 2)), None, "run: only one row"),
         (

@@ -37,15 +37,17 @@ def folders(tmp_path):
 
 
 def test_planted_differences_are_on_the_page(folders, tmp_path):
-    write_page(tmp_path / "page.md", {"bare": folders}, ARMS, "How it was done.\n")
+    write_page(tmp_path / "page.md", {"bare": folders}, ARMS, "Does it pay?\n\nHow it was done.\n")
     page = (tmp_path / "page.md").read_text()
+    assert page.index("Does it pay?") < page.index("| Bare board, planned, 6 rigs |") < page.index("How it")
+    assert "| Bare board, planned, 6 rigs | 0 %, 4.0 mm | 50 %, 4.0 mm |" in page
     rows = [line.split(" | ") for line in page.splitlines() if line.startswith(f"| {TITLES['tuned']}")]
     overall, beside = rows
     assert overall[1:3] == ["0.0 (0.0 to 0.0)", "25.0 (25.0 to 25.0)"]
     assert overall[3] == "none"
     assert overall[5:] == ["24 of 24", "0 of 24 |"]
     assert beside[1:3] == ["+100.0 (+100.0 to +100.0)", "+75.0 (+75.0 to +75.0)"]
-    assert "| delay 0.2 | nothing | 1, 1, 1, 1, 1 | 0, 2, 2, 4, 2 |" in page
+    assert "| delay 0.2 s | nothing | 1, 1, 1, 1, 1 | 0, 2, 2, 4, 2 |" in page
     # With a delay tuned, half of the runs arrive, two seconds later.
     (late,) = [line for line in page.splitlines() if line.startswith(f"| {TITLES['delayed']} | +")]
     assert "| +50.0 (" in late

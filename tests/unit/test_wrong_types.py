@@ -76,6 +76,11 @@ ENTRIES = {
             "network": None,
         },
     ),
+    "to_json": (irt.to_json, {"model": MODEL}),
+    "to_mjcf": (irt.to_mjcf, {"model": MODEL}),
+    "of_layout": (irt.Maze.of_layout, {"name": "bare"}),
+    "sample": (MODEL.sample, {"n": 1, "seed": 0}),
+    "pool": (irt.pool, {"rigs": [RIG, RIG]}),
     "track": (
         irt.track,
         {

@@ -123,8 +123,8 @@ def _idle(runs: Sequence[RunFacts]) -> Iterator[Finding]:
 
 def _own_unit(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
     """Yield a note if commands in the rig's own unit are no angles by their size."""
-    largest = max(abs(end) for run in runs for ends in run.command_range for end in ends)
-    if rig.commands.unit != "rad" and largest > np.pi:
+    if not rig.has_knob_angles:
+        largest = max(abs(end) for run in runs for ends in run.command_range for end in ends)
         yield Finding(
             "note",
             f"commands reach {largest:.3g} {rig.commands.unit}, but backlash, dead bands and other effects "

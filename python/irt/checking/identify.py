@@ -110,6 +110,7 @@ def identify(
         effects=tuple(
             shown
             for info in hypothetical()
+            if rig.has_knob_angles or not info.is_at_knob_angles
             for one in _of_effect(linear, info)
             if (shown := one if time_scale is not None else _without_time(one, values[_TIME] * SUBSTEP_S))
         ),

@@ -17,7 +17,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
-from types import FrameType
+from types import FrameType, TracebackType
 from typing import Any, NoReturn, Protocol, cast
 
 from irt.errors import IrtError
@@ -66,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         # What Ctrl-C cleans up, another process's SIGTERM is to clean up too.
         signal.signal(signal.SIGTERM, _terminated)
-    with_traceback = "--traceback" in words or os.environ.get("IRT_TRACEBACK", "0") not in {"", "0"}
+    with_traceback = "--traceback" in words or _wants_traceback()
     try:
         try:
             if not words:
@@ -88,6 +88,23 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         return _failed(_explained(error), COULD_NOT)
     return DONE
+
+
+def report_errors(program: str) -> None:
+    """Let errors of a script, such as those of `examples/`, end in one line as those of `irt` do.
+
+    Errors that are not ours keep their traceback: the script may be the user's own.
+    """
+
+    def report(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        if isinstance(error, KeyboardInterrupt):
+            _failed("stopped", INTERRUPTED, program)
+        elif isinstance(error, IrtError | OSError) and not _wants_traceback():
+            _failed(_explained(error), COULD_NOT, program)
+        else:
+            sys.__excepthook__(kind, error, trace)
+
+    sys.excepthook = report
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -170,6 +187,10 @@ def _terminated(_signal: int, _frame: FrameType | None) -> None:
     raise _Terminated
 
 
+def _wants_traceback() -> bool:
+    return os.environ.get("IRT_TRACEBACK", "0") not in {"", "0"}
+
+
 def _explained(error: Exception) -> str:
     if isinstance(error, IrtError):
         return str(error)
@@ -181,8 +202,8 @@ def _explained(error: Exception) -> str:
     return f"{kind} (a fault of irt; please report it with the output of --traceback)"
 
 
-def _failed(message: str, status: int) -> int:
-    print(f"irt: {' '.join(message.splitlines())}", file=sys.stderr)
+def _failed(message: str, status: int, program: str = "irt") -> int:
+    print(f"{program}: {' '.join(message.splitlines())}", file=sys.stderr)
     return status
 
 

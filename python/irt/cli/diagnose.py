@@ -135,7 +135,7 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path, notes: Seque
     except KeyboardInterrupt:
         print("irt: no result was written; the same command resumes the diagnosis", file=sys.stderr)
         raise
-    for line in _answer(found, row_seconds(rig, found.model)):
+    for line in _answer(found, rig):
         print(line)
     print(f"\nwrote {folder / 'model.toml'}, {folder / 'diagnosis.json'} and {page}")
 
@@ -231,13 +231,15 @@ def _or_ties(effect: Mapping[str, Any]) -> str:
     return " or ".join(names)
 
 
-def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
-    """Yield the lines of the printed summary; `row_s` as in `parameter_line`."""
+def _answer(found: Diagnosis, rig: Rig) -> Iterator[str]:
+    """Yield the lines of the printed summary."""
+    from irt.diagnosis.dataset import horizon_row_s
     from irt.diagnosis.result import UNLISTED
     from irt.report.error_budget import bars, remainder
     from irt.report.learned import described
     from irt.report.words import probability, share
 
+    row_s = row_seconds(rig, found.model)
     yield found.summary
     for effect in found.effects:
         if effect.name == UNLISTED:
@@ -256,7 +258,7 @@ def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
             yield f"  selected again when one recording is left out: {again} of {len(found.runs)}"
     if row_s is not None:
         yield f"\n{TIME_UNKNOWN}"
-    for bar in bars(found, row_s):
+    for bar in bars(found, horizon_row_s(rig)):
         yield f"\nerror budget: squared error on held-out runs, {bar.title}"
         yield from (f"  {part.name:<22} {_plain(share(part.share)):>6}" for part in bar.parts)
     if found.where:

@@ -94,7 +94,8 @@ class Answer:
         base, answer = self._base_proof, self._proof
         is_held_out = answer.is_proof
         final = answer.runs[0].model
-        twins = evaluate(final, twins_of(dataset.rig, final, self._noise, dataset.seed), config.HORIZON_S)
+        simulated = twins_of(dataset.rig, final, self._noise, dataset.seed)
+        twins = evaluate(final, simulated, dataset.horizon_s(final))
         without = {name: self._without(name) for name in order}
         shares = budget(base, answer, without, twins.runs) if is_held_out else ()
         return Diagnosis(

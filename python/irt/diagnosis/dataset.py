@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.diagnosis import config
 from irt.diagnosis.hypotheses import SPIN, SPINNING
 from irt.engine import SUBSTEP_S
 from irt.errors import located
@@ -240,3 +241,20 @@ class Dataset:
     def edge_m(self, fitted: Fitted) -> float:
         """Return the distance on the board that is observed as one board edge [m]."""
         return float(self.rig.board.edge_x_m / fitted.values[PARAMETERS.index("observation_scale")])
+
+    def horizon_s(self, model: Model) -> float:
+        """Return `config.HORIZON_S` in a model's time [s]: without stamps, as many rows for every model."""
+        row_s = horizon_row_s(self.rig)
+        if row_s is None:
+            return config.HORIZON_S
+        return config.HORIZON_S * model.parameters["time_scale"].value * SUBSTEP_S / row_s
+
+
+def horizon_row_s(rig: Rig) -> float | None:
+    """Return the duration of a row [s] by which `config.HORIZON_S` is counted in rows; None with stamps.
+
+    Without stamps each fit has a time scale of its own. The middle of its range is the same for all of them.
+    """
+    if stamped_time_scale(rig) is not None:
+        return None
+    return float(np.mean(rig.ranges["time_scale"])) * SUBSTEP_S

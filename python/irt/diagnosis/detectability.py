@@ -30,11 +30,13 @@ def detectability(scores: Scores, base: Scored) -> list[Power]:
     To first order, the change of the predictions by an effect, beyond changes that the five parameters could
     explain, is compared with the score at which an effect is named.
     """
-    screening = Screening(scores, base)
+    screening, rig = Screening(scores, base), scores.dataset.rig
     return [
         one
-        for name in hypotheses(scores.dataset.rig.start)
+        for name in hypotheses(rig.start)
         if name != JITTER and not effect(name).shrunk
+        # No size in radians says anything about commands in another unit.
+        if rig.has_knob_angles or not effect(name).is_at_knob_angles
         for one in _of(screening, name, scores.price([name]) + config.SURE, scores.dataset.seed)
     ]
 

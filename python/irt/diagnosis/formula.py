@@ -49,9 +49,9 @@ def formula(values: dict[str, float]) -> str:
         drags.insert(0, f"{values['drag_strength']:.3g}")
     if drags:
         drag = " + ".join(drags).replace("+ -", "- ")
-        parts.append(f"-({drag}) (v / 0.1 m/s)^{values['drag_power']:.2g} along v")
+        parts.append(f"-({drag}){_of_speed(values['drag_power'])} along v")
     if values["side_strength"]:
-        parts.append(f"{values['side_strength']:.3g} (v / 0.1 m/s)^{values['side_power']:.2g} across v")
+        parts.append(f"{values['side_strength']:.3g}{_of_speed(values['side_power'])} across v")
     if values["mode_gain"]:
         rate, damping = values["mode_rate_rad_per_s"], values["mode_damping"]
         parts.append(
@@ -71,6 +71,12 @@ def _vector(components: Sequence[float], factors: Sequence[str] = ("", "")) -> s
         if value != 0.0
     ]
     return parts[0] if len(parts) == 1 else f"({' + '.join(parts)})".replace("+ -", "- ")
+
+
+def _of_speed(power: float) -> str:
+    """Return a power of the speed as a factor; nothing for the power 0."""
+    shown = f"{power:z.2g}"
+    return "" if shown == "0" else f" (v / 0.1 m/s)^{shown}"
 
 
 def cleared(values: dict[str, float]) -> dict[str, float]:

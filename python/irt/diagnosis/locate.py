@@ -13,6 +13,7 @@ from irt.diagnosis.latent_force import Source
 from irt.diagnosis.result import Finding, Kind
 from irt.diagnosis.terms import Term
 from irt.diagnosis.windows import ROWS, Windows
+from irt.engine import SUBSTEP_S
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -167,7 +168,11 @@ def _places(dataset: Dataset, reach: Array, screen: Windows) -> Iterator[tuple[K
         yield "run", dataset.rig.recordings[fold].name, run == fold
     quarters = np.linspace(0, rows.max() + 1, 5).astype(int)
     for first, after in pairwise(quarters):
-        yield "time", f"rows {first} to {after - 1}", (rows >= first) & (rows < after)
+        between = f"rows {first} to {after - 1}"
+        if dataset.time_scale is not None:
+            row_s = dataset.time_scale * SUBSTEP_S
+            between += f" ({first * row_s:.1f} to {after * row_s:.1f} s)"
+        yield "time", between, (rows >= first) & (rows < after)
     yield from _regions(dataset, place)
     yield from _regimes(reach, place, velocity, knobs, turn)
 

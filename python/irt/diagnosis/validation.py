@@ -204,13 +204,7 @@ def _predicted(
     dataset: Dataset, values: Mapping[str, float], effects: tuple[str, ...], run: Recording
 ) -> Held:
     model = dataset.model(simulated(effects), values)
-    # Without stamps, windows have the same number of rows for every model.
-    time_scaling = (
-        1.0
-        if dataset.time_scale is not None
-        else values["time_scale"] / np.mean(dataset.rig.ranges["time_scale"])
-    )
-    found = evaluate(model, [run], float(config.HORIZON_S * time_scaling)).runs[0]
+    found = evaluate(model, [run], dataset.horizon_s(model)).runs[0]
     if dataset.rig.start == "moving":
         longer = evaluate(model, [run]).runs[0]
         if longer.windowed is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from irt.catalogue import effect
 from irt.diagnosis.dataset import Dataset, Fitted
 from irt.diagnosis.formula import formula, variables
 from irt.diagnosis.result import UNLISTED, NamedEffect
-from irt.display import in_rows
+from irt.display import in_rows, listed
 from irt.files import as_typed
 from irt.model import Parameter
 
@@ -68,7 +68,7 @@ def summary(
             return f"No known effect explains the residuals of the five-parameter model {errors}."
         return f"The five parameters explain the recordings {errors}. They reveal no missing physics."
     one = len(effects) == 1
-    named = " and ".join(_shown(one, row_s) for one in effects)
+    named = listed(_shown(one, row_s) for one in effects)
     which = "held-out recordings" if heldout else "the only recording"
     ties = "".join(
         f" These recordings do not distinguish {one.name} from {' or '.join(one.confusable_with)}."
@@ -168,13 +168,19 @@ def _shown(one: NamedEffect, row_s: float | None) -> str:
         sizes = [in_rows(*parameter, row_s) for parameter in sizes]
     if sizes and effect(one.name).shrunk:
         _, _, unit = sizes[0]
-        rms = float(np.sqrt(sum(value**2 for _, value, _ in sizes)))
-        return f"{one.name} (slopes of the board of {rms:.2g} {unit}, root mean square)"
-    # A name such as width_x_rad needs no unit beside its unit.
+        return f"{one.name} ({slopes((value for _, value, _ in sizes), unit)})"
+    # A name such as width_x_rad or x_edges needs no unit beside its unit.
     values = ", ".join(
-        f"{name.removesuffix(f'_{unit}')} {value:.3g} {unit}".rstrip() for name, value, unit in sizes
+        f"{name.removesuffix(f'_{unit}').removesuffix(f'_{unit}s')} {value:.3g} {unit}".rstrip()
+        for name, value, unit in sizes
     )
     return f"{one.name} ({values})" if values else one.name
+
+
+def slopes(values: Iterable[float], unit: str) -> str:
+    """Return the slope of a board that is a sum of waves, in words."""
+    rms = float(np.sqrt(sum(value**2 for value in values)))
+    return f"slopes of the board of {rms:.2g} {unit}, root mean square"
 
 
 def _percent(error: float) -> str:

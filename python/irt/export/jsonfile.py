@@ -8,9 +8,11 @@ from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
+from irt import arguments
 from irt.catalogue import effect
 from irt.engine import SUBSTEP_S
-from irt.model import Effect, Model
+from irt.files import PathLike
+from irt.model import Effect, Model, as_model
 from irt.posterior import Component
 from irt.rig import PARAMETERS
 
@@ -20,11 +22,18 @@ VERSION = 1
 _UNITS = dict(zip(PARAMETERS, ("", "", "", "1/240 s", ""), strict=True))
 
 
-def to_json(model: Model) -> str:
-    """Return a model as JSON; what has no number, as an end of an interval at infinity, is null.
+@arguments.entry
+def to_json(model: Model | PathLike) -> str:
+    """Return a model, or that of a file, as JSON; what has no number, such as an open end, is null.
 
     The fields are in ``docs/use.md``.
+
+    Raises
+    ------
+    IrtError
+        If it is not a model.
     """
+    model = as_model(model)
     content = {
         "format": "labsim-model",
         "version": VERSION,

@@ -15,11 +15,13 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
+from irt import arguments
 from irt.engine import SUBSTEP_S
 from irt.export import drive, plate
 from irt.export.rebound import DEAD_STEPS, solref
+from irt.files import PathLike
 from irt.maze import Maze
-from irt.model import Model
+from irt.model import Model, as_model
 
 Array = NDArray[np.float64]
 
@@ -75,12 +77,19 @@ class Exported:
     warnings: tuple[str, ...]
 
 
-def to_mjcf(model: Model) -> Exported:
-    """Return a model as MJCF.
+@arguments.entry
+def to_mjcf(model: Model | PathLike) -> Exported:
+    """Return a model, or that of a file, as MJCF.
 
     Controls are the commands, in the rig's own unit; sensors are the marble's place as the camera sees it,
     and the tilts. See ``docs/use.md``.
+
+    Raises
+    ------
+    IrtError
+        If it is not a model.
     """
+    model = as_model(model)
     found = drive.axes(model)
     warnings = tuple(_warnings(model, found))
     root = ET.Element("mujoco", model="labyrinth")

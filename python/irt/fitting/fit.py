@@ -70,8 +70,8 @@ class FitResult:
     model : Model
         The tuned model; its parameters carry 95 % intervals.
     noise : float
-        Standard deviation of the tracker per coordinate, in board edges, estimated robustly from the
-        residuals of the tuned model.
+        Standard deviation of the residuals per coordinate [board edges], estimated robustly: that of the
+        tracker where the model explains the recordings, and more where physics is missing.
     estimates : tuple of Estimate
         One for each start point, the best first; the model comes from the first.
     rollouts : int
@@ -135,7 +135,7 @@ class FitResult:
             f"Fit by {self.method}",
             display.items(f"Warning: {one}" for one in self.warnings),
             display.paragraph(
-                f"Mean error {display.percent(self.mae)} of the edge, tracker's noise "
+                f"Mean error {display.percent(self.mae)} of the edge, standard deviation of its residuals "
                 f"{display.percent(self.noise)}; {self.rollouts:,} rollouts in {self.seconds:.1f} s."
             ),
             self.model._repr_html_(),

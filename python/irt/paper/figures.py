@@ -17,8 +17,9 @@ from irt.files import PathLike, write_atomic
 from irt.paper.contenders import METHODS
 from irt.paper.setting import ROLLOUTS
 from irt.paper.symmetry import Symmetry
+from irt.pictures import make_logarithmic
 from irt.report import style
-from irt.report.plots import FLOOR, PERCENT, make_logarithmic
+from irt.report.plots import FLOOR, PERCENT
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from irt.diagnosis.result import Candidate, Diagnosis, NeededPush, RunProof
 from irt.files import PathLike
 from irt.model import Model
+from irt.pictures import make_logarithmic
 from irt.report import style
-from irt.report.plots import FLOOR, PERCENT, TICKS, draw_rim, make_logarithmic, mean_absolute, rim_of
+from irt.report.plots import FLOOR, PERCENT, TICKS, draw_rim, mean_absolute, rim_of
 from irt.report.words import together
 
 Array = NDArray[np.float64]
@@ -176,7 +177,7 @@ def plot_over_time(
 
 
 def plot_push(
-    path: PathLike, push: NeededPush, shown: Sequence[Side], row_s: float, *, stamped: bool
+    path: PathLike, push: NeededPush, shown: Sequence[Side], rows_s: Sequence[float], *, stamped: bool
 ) -> None:
     """Draw the push missing in the simulator over time, with 95 % bands.
 
@@ -188,24 +189,25 @@ def plot_push(
         The push of a recording.
     shown : sequence of Side
         The simulators, in this order.
-    row_s : float
-        Duration of a row in the simulation [s]; without stamps pushes are in millimetres per row squared.
+    rows_s : sequence of float
+        Duration of a row in each simulator [s]; without stamps pushes are in millimetres per row squared.
     """
     corners = thinned(len(push.times), _MOST_CORNERS)
     times, label = time_axis(push, stamped=stamped)
-    size, unit = (1.0, "m/s²") if stamped else (1000.0 * row_s**2, "mm/row²")
+    unit = "m/s²" if stamped else "mm/row²"
     with style.drawing(path, style.WIDTH, 3.6) as figure:
         panels = figure.subplots(2, sharex=True)
         for axis, axes in enumerate(panels):
             axes.axhline(0.0, color=style.MUTED, lw=0.6)
-            for side in shown:
+            for side, row_s in zip(shown, rows_s, strict=True):
+                size = 1.0 if stamped else 1000.0 * row_s**2
                 mean, deviation = (size * each[corners, axis] for each in side.push(push))
                 band = _BAND * deviation
                 axes.fill_between(
                     times[corners], mean - band, mean + band, color=side.colour, alpha=0.2, lw=0
                 )
                 axes.plot(times[corners], mean, color=side.colour, lw=1.2)
-            axes.set_ylabel(f"push along {'xy'[axis]}  [{unit}]")
+            axes.set_ylabel(f"push along {'xy'[axis]}\n[{unit}]")
             axes.yaxis.set_major_locator(MaxNLocator(5, symmetric=True))
         for side, place in zip(shown, ("left", "right"), strict=False):
             panels[0].set_title(side.label, color=side.colour, fontweight="bold", loc=place)
@@ -410,7 +412,7 @@ def plot_ranking(
 def _label_bar(axes: Any, place: int, one: Candidate, colour: str) -> None:
     """Label a bar with its hypothesis, outcome and evidence."""
     look = {"textcoords": "offset points", "va": "bottom", "xycoords": axes.get_yaxis_transform()}
-    evidence = f"{evidence_for(one):+,.0f}".replace("-", "\N{MINUS SIGN}")
+    evidence = f"{evidence_for(one):+z,.0f}".replace("-", "\N{MINUS SIGN}")
     name = style.shortened(together(one.effects), _LINE - len(evidence) - 3)
     room = _LINE - len(name) - len(evidence) - 3
     outcome = textwrap.shorten(one.outcome, room, placeholder=" …") if room >= _SHORTEST else ""

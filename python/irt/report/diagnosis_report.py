@@ -11,11 +11,13 @@ import numpy as np
 
 from irt import arguments
 from irt.catalogue import EffectInfo, effects
+from irt.diagnosis.dataset import horizon_row_s
 from irt.diagnosis.result import UNLISTED, Candidate, Diagnosis, NamedEffect, RunProof
 from irt.diagnosis.words import LEARNED
+from irt.display import listed
 from irt.engine import SUBSTEP_S
 from irt.files import PathLike, make_folder
-from irt.model import Parameter
+from irt.model import Model, Parameter
 from irt.report import diagnosis_tables as tables
 from irt.report.animation import PLAYER, Animation
 from irt.report.budget_plots import plot_budget
@@ -31,7 +33,7 @@ from irt.report.diagnosis_plots import (
     plot_ranking,
     sides,
 )
-from irt.report.error_budget import bars, remainder
+from irt.report.error_budget import bars, remainder, squares_explained
 from irt.report.learned import terms_table
 from irt.report.learned_plots import learned_pictures
 from irt.report.page import Picture, write_page
@@ -40,7 +42,6 @@ from irt.report.words import (
     counted,
     explained,
     in_rows,
-    listed,
     millimetres,
     percent,
     plain,
@@ -113,7 +114,7 @@ class _Report:
         self.folder, self.rig, self.diagnosis = folder, rig, diagnosis
         self.shown = sides(diagnosis)
         self.stamped = all(recording.stamps is not None for recording in rig.recordings)
-        self.row_s = diagnosis.model.parameters["time_scale"].value * SUBSTEP_S
+        self.row_s = _row_s(diagnosis.model)
         # Simulated recordings may have no noise.
         self.noise = max(diagnosis.noise, _LEAST_NOISE)
         self.floor = mean_absolute(diagnosis.noise)
@@ -144,7 +145,7 @@ class _Report:
 
     def _budget(self) -> Picture | None:
         """Draw the error budget of the base model."""
-        found = bars(self.diagnosis, None if self.stamped else self.row_s)
+        found = bars(self.diagnosis, horizon_row_s(self.rig))
         if not found:
             return None
         path = self.folder / "budget.svg"
@@ -277,7 +278,9 @@ class _Report:
             return []
         most = max(pushes, key=lambda one: float(np.nan_to_num(one.base**2).mean()))
         path = self.folder / "push.svg"
-        plot_push(path, most, self.shown, self.row_s, stamped=self.stamped)
+        models = {"base": self.diagnosis.base, "final": self.diagnosis.model}
+        rows_s = [_row_s(models[side.which]) for side in self.shown]
+        plot_push(path, most, self.shown, rows_s, stamped=self.stamped)
         caption = (
             f"{most.recording}: acceleration of the marble that is missing in the simulator, estimated from "
             "all rows, with 95 % bands. Where the physics is complete, the bands contain zero."
@@ -324,14 +327,14 @@ def _least(diagnosis: Diagnosis) -> tuple[float, str]:
 
 
 def _key_figures(rig: Rig, diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """Return the errors before and after, the least possible error, and the explained share."""
+    """Return the errors before and after, that of a perfect simulator, and the explained share."""
     edge = rig.board.edge_x_m
     floor, floor_is = _least(diagnosis)
     before, after = _errors_of(diagnosis)
     mean = "mean held-out error, of the board's edge" if diagnosis.is_held_out else "mean error of the fit"
     noise = (
         percent(floor),
-        f"the least error that any model can have: {floor_is} ({millimetres(floor, edge)})",
+        f"expected of a perfect simulator, from {floor_is} ({millimetres(floor, edge)})",
     )
     if not diagnosis.effects:
         return [(percent(before), f"{mean} ({millimetres(before, edge)})"), noise]
@@ -344,6 +347,11 @@ def _key_figures(rig: Rig, diagnosis: Diagnosis) -> list[tuple[str, str]]:
     if not math.isnan(part):
         figures.append((share(part), f"of the error above that floor is explained by {_added(diagnosis)}"))
     return figures
+
+
+def _row_s(model: Model) -> float:
+    """Return the duration of a row in a model [s]."""
+    return model.parameters["time_scale"].value * SUBSTEP_S
 
 
 def _added(diagnosis: Diagnosis) -> str:
@@ -367,6 +375,8 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
         if tried:
             number = counted(len(tried), "hypothesis", "hypotheses")
             yield f"None of the {number} is supported by the recordings."
+        else:
+            yield "No effect of the catalogue promised to explain more than chance does, so none was fitted."
         if diagnosis.power:
             yield "A small effect may still be present; see the table of detectable sizes."
     tied = False
@@ -413,6 +423,8 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
 
 def _with_ties(one: NamedEffect) -> str:
     """Return an effect with its ties, which share its probability."""
+    if one.name == UNLISTED:
+        return "the learned correction"
     return listed(map(plain, [one.name, *one.confusable_with]), "or")
 
 
@@ -426,16 +438,17 @@ def _explanation(diagnosis: Diagnosis) -> str:
     )
     if not diagnosis.effects:
         return (
-            f"{where} the five parameters leave an error of {before} of the edge; the least "
-            f"possible, by {floor_is}, is {percent(floor)}."
+            f"{where} the five parameters leave an error of {before} of the edge; {percent(floor)} is "
+            f"expected of a perfect simulator, from {floor_is}."
         )
     if math.isnan(part):
         return (
-            f"{where} the error was near the least possible already: {before} of the edge, and {after} after."
+            f"{where} the error was near that of a perfect simulator already: {before} of the edge, and "
+            f"{after} after."
         )
     return (
         f"{where} the error falls from {before} to {after} of the edge: {share(part)} of what exceeds "
-        f"{floor_is} ({percent(floor)})."
+        f"{floor_is} ({percent(floor)}).{squares_explained(diagnosis)}"
     )
 
 

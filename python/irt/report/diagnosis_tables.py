@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 from irt.catalogue import EffectInfo, EffectParameter, effect
 from irt.diagnosis.result import UNLISTED, Diagnosis, NamedEffect
+from irt.diagnosis.words import slopes
 from irt.model import Effect, Parameter
 from irt.report.page import Table
 from irt.report.plots import mean_absolute
@@ -63,7 +64,10 @@ def _values(one: Effect, stated: Stated) -> str:
     """Return the values of an effect as text; a learned correction has too many for one line."""
     if one.name == UNLISTED:
         return "in model.toml"
-    unit = {parameter.name: parameter.unit for parameter in effect(one.name).parameters}
+    about = effect(one.name)
+    unit = {parameter.name: parameter.unit for parameter in about.parameters}
+    if about.shrunk:
+        return slopes(one.parameters.values(), about.parameters[0].unit)
     shown = (stated(name, Parameter(value), unit.get(name, "")) for name, value in one.parameters.items())
     return ", ".join(f"{name} {quantity(value.value, known)}" for name, value, known in shown)
 
@@ -158,7 +162,8 @@ def power(diagnosis: Diagnosis, stated: Stated) -> Table | None:
             ]
         )
     return Table(
-        "Smallest size that is detected with a probability of 80 % or more",
+        "Smallest size that is detected with a probability of 80 % or more. A size is the distance from the "
+        "value at which an effect does nothing, such as 1 for a ratio",
         ["effect", "parameter", "detected from", "tested up to"],
         rows,
     )
@@ -185,7 +190,7 @@ def candidates(diagnosis: Diagnosis) -> Table | None:
     rows: Sequence[Sequence[str]] = [
         [
             together(one.effects),
-            f"{one.gain:+,.1f}",
+            f"{one.gain:+z,.1f}",
             f"{one.penalty:,.1f}",
             probability(one.probability),
             one.outcome,

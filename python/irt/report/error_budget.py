@@ -66,7 +66,7 @@ def bars(diagnosis: Diagnosis, row_s: float | None = None) -> list[Bar]:
     diagnosis : Diagnosis
         Its `budget` is empty if nothing was held out.
     row_s : float, optional
-        Duration of a row [s] if recordings have no stamps; horizons are then given in rows.
+        Duration of a row [s] by which horizons are counted if recordings have no stamps (`horizon_row_s`).
     """
     horizons = dict.fromkeys(one.horizon_s for one in diagnosis.budget)
     return [
@@ -104,9 +104,20 @@ def remainder(diagnosis: Diagnosis) -> Iterator[str]:
             yield f"Most of the error is in {name}: look at that run."
     if found.floor_of_the_log > 0.0:
         yield (
-            f"Even a perfect simulator would have an error of {percent(found.floor_of_the_log)} of the edge, "
-            "from tracker noise and uncertain start states."
+            f"Even a perfect simulator would have an error of {percent(found.floor_of_the_log)} of the edge "
+            "on average, from tracker noise and uncertain start states."
         )
+
+
+def squares_explained(diagnosis: Diagnosis) -> str:
+    """Return a sentence on the share that the effects explain by the budget; empty without a budget.
+
+    Half of an error is a quarter of its square, so the share of the errors seems to contradict the budget.
+    """
+    rest = [one.share for one in diagnosis.budget if one.horizon_s is None and one.what in {TRACKER, REST}]
+    if not rest:
+        return ""
+    return f" Of the squared error, in which large errors weigh more, it is {share(1.0 - sum(rest))}."
 
 
 def _worst_run(diagnosis: Diagnosis) -> str | None:

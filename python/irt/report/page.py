@@ -18,6 +18,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from irt import display
 from irt.files import PathLike, write_atomic
 from irt.report import style, words
 
@@ -27,7 +28,7 @@ _PRINTED_ROWS = 20
 _FILTERS = (
     words.commands,
     words.counted,
-    words.listed,
+    display.listed,
     words.millimetres,
     words.percent,
     words.plain,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.patches import BoxStyle, Circle, FancyBboxPatch, Rectangle
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Affine2D
 from numpy.typing import ArrayLike, NDArray
 
@@ -20,6 +20,7 @@ from irt.files import PathLike
 from irt.fitting.fit import FitResult
 from irt.maze import Maze
 from irt.model import Model
+from irt.pictures import make_logarithmic
 from irt.recording import Recording
 from irt.report import style
 from irt.residual import Evaluation
@@ -361,14 +362,6 @@ def plot_likelihood(path: PathLike, losses: ArrayLike) -> None:
 def mean_absolute(noise: float) -> float:
     """Return the mean absolute value of Gaussian noise of this standard deviation."""
     return float(noise * np.sqrt(2 / np.pi))
-
-
-def make_logarithmic(axes: Any) -> None:
-    """Make the y axis logarithmic, with plain numbers at 1, 2 and 5."""
-    axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_locator(NullLocator())
 
 
 def _weight(won: bool) -> dict[str, Any]:

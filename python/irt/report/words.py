@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
 
 from markupsafe import Markup
@@ -156,12 +156,6 @@ def plain(name: str) -> str:
 def together(names: Sequence[str]) -> str:
     """Return a set of effects, as one hypothesis, as text."""
     return " + ".join(plain(name) for name in names) or "nothing added"
-
-
-def listed(items: Iterable[str], last: str = "and") -> str:
-    """Return items as an enumeration, such as "a, b and c"."""
-    *others, final = items
-    return f"{', '.join(others)} {last} {final}" if others else final
 
 
 def counted(count: int, thing: str, plural: str = "") -> str:

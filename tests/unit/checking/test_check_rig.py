@@ -244,6 +244,12 @@ def test_commands_that_are_no_angles_hide_effects_at_the_knob(make_rig, factor, 
     rig = make_rig()
     runs = tuple(replace(one, knobs=factor * one.knobs, columns=CMD) for one in rig.recordings)
     ranges = {**rig.ranges, "gear_x": (-1.0, 1.0), "gear_y": (-1.0, 1.0)}
-    found = check(replace(rig, recordings=runs, commands=Commands("us"), ranges=ranges)).findings
-    notes = [one for one in found if "effects at the knob are searched for at angles" in one.what]
+    found = check(replace(rig, recordings=runs, commands=Commands("us"), ranges=ranges))
+    notes = [one for one in found.findings if "effects at the knob are searched for at angles" in one.what]
     assert [one.where for one in notes] == ["cmd_x and cmd_y"] * expected
+    # Nor does a page say from which angles on they would be seen.
+    assert found.identified is not None
+    at_the_knob = {"backlash", "dead_band", "gear_nonlinearity"} & {
+        one.effect for one in found.identified.effects
+    }
+    assert len(at_the_knob) == (0 if expected else 3)

@@ -21,6 +21,14 @@ def test_the_answer_names_effect_value_and_gain():
         assert words.lower() in text.lower()
 
 
+def test_several_effects_are_enumerated_and_no_unit_stands_twice():
+    shift = NamedEffect(
+        "camera_offset", "sensing", {"x_edges": Parameter(0.03)}, {"x_edges": "edge"}, 0.04, 0.002
+    )
+    text = summary([shift, effect(), effect("lag")], noise=0.001, before=0.04, after=0.002, heldout=True)
+    assert "lacks camera_offset (x 0.03 edge), backlash (width_x 0.031 rad) and lag (width_x" in text
+
+
 def test_without_stamps_values_are_in_rows():
     late = NamedEffect("delay", "timing", {"delay_s": Parameter(0.2)}, {"delay_s": "s"}, 0.04, 0.002)
     settings = {"noise": 0.001, "before": 0.04, "after": 0.002, "heldout": True}

@@ -30,6 +30,7 @@ def neutral(**changes):
             "0.5 e_x (3 tilt_x) (3 tilt_y)",
             ["tilt"],
         ),
+        ({"drag_strength": 0.3, "drag_power": 0.0}, "-(0.3) along v", ["speed"]),
         (
             {"drag_strength": 0.3, "shape_1": 5.0, "brake_1_m_per_s2": 0.1, "heading_1_y": 1.0},
             "-(0.3 + 0.1 (1 sin heading)) (v / 0.1 m/s)^1 along v",

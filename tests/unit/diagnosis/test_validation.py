@@ -7,8 +7,12 @@ import pytest
 
 from irt.diagnosis.score import Scores
 from irt.diagnosis.validation import Validation
+from irt.residual import evaluate
+from irt.rig import PARAMETERS
 from irt.segments import segments
 
+#: gear_x, gear_y, rolling_friction, time_scale, observation_scale.
+TRUTH = (0.06, 0.05, 4e-4, 15.0, 1.03)
 DRAG = {"name": "viscous_drag", "rate_per_s": 0.8}
 
 
@@ -94,3 +98,19 @@ def test_held_out_recordings_are_likelier_with_what_acts(plant):
     assert validation.difference(one, one) == 0.0
     alone = fitted(plant([DRAG], runs=1, rows=60, stamped=True))
     assert not validation.is_likelier(alone, Scores(alone.dataset).base())
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_models_with_other_time_scales_are_compared_in_the_same_windows(plant, stamped):
+    dataset = plant(runs=2, stamped=stamped)
+    models = [
+        dataset.model((), {**dict(zip(PARAMETERS, TRUTH, strict=True)), "time_scale": scale})
+        for scale in (TRUTH[3], 2.0 * TRUTH[3])
+    ]
+    first, second = (
+        evaluate(model, dataset.rig.recordings, dataset.horizon_s(model)).runs[0].window_rows
+        for model in models
+    )
+    np.testing.assert_array_equal(first, second)
+    # A second has 16 rows by the stamps, and 240 / 25 in the middle of the range of time scales.
+    assert first[1] - first[0] == (16 if stamped else 10)

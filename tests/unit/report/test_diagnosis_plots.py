@@ -85,15 +85,16 @@ def test_run_over_time_has_a_band_of_noise_below_each_axis(tmp_path, proof, draw
 
 @pytest.mark.parametrize(("stamped", "unit"), [(True, "m/s²"), (False, "mm/row²")])
 def test_push_over_time_has_a_band_for_each_simulator(tmp_path, diagnosis_of, drawn, stamped, unit):
-    push, row_s = diagnosis_of("missing").pushes[0], 0.5
-    plots.plot_push(tmp_path / "push.svg", push, [BEFORE, AFTER], row_s, stamped=stamped)
-    scale = 1.0 if stamped else 1000.0 * row_s**2
+    push, rows_s = diagnosis_of("missing").pushes[0], (0.5, 0.7)
+    plots.plot_push(tmp_path / "push.svg", push, [BEFORE, AFTER], rows_s, stamped=stamped)
+    # Without stamps each simulator has a time scale of its own.
+    scales = [1.0 if stamped else 1000.0 * row_s**2 for row_s in rows_s]
     for axis, axes in enumerate(drawn.figure.axes):
         assert unit in axes.get_ylabel()
         assert len(axes.collections) == 2
         before, after = axes.get_lines()[1:]
-        assert before.get_ydata() == pytest.approx(scale * push.base[:, axis], nan_ok=True)
-        assert after.get_ydata() == pytest.approx(scale * push.final[:, axis], nan_ok=True)
+        assert before.get_ydata() == pytest.approx(scales[0] * push.base[:, axis], nan_ok=True)
+        assert after.get_ydata() == pytest.approx(scales[1] * push.final[:, axis], nan_ok=True)
 
 
 def test_board_shows_what_was_recorded_and_every_prediction(tmp_path, proof, diagnosis_of, drawn):
@@ -107,15 +108,16 @@ def test_ranking_marks_the_answer_and_its_ties(tmp_path, drawn):
         candidate(900.0, "backlash", outcome="named"),
         candidate(2.0, "lag", "bump", outcome="a very long outcome " * 9),
         candidate(1.0, *(["spring_hysteresis"] * 6), outcome="a very long outcome " * 9),
+        candidate(4.8, "parallax", outcome="no better"),
     ]
     answer, ties = frozenset({"backlash"}), {frozenset({"delay"})}
     plots.plot_ranking(tmp_path / "ranking.svg", tried, answer, ties, span=(-3.0, 900.0))
     bars = drawn.figure.axes[0].patches
-    assert [bar.get_width() for bar in bars] == [900.0, 895.0, -3.0, -4.0]
-    tie, named, rest, _ = (bar.get_facecolor() for bar in bars)
+    assert [bar.get_width() for bar in bars] == pytest.approx([900.0, 895.0, -3.0, -4.0, -0.2])
+    tie, named, rest, *_ = (bar.get_facecolor() for bar in bars)
     assert tie != named != rest != tie
     words = texts(drawn.figure)
-    assert {"delay", "backlash", "lag + bump", "named   +895"} <= set(words)
+    assert {"delay", "backlash", "lag + bump", "named   +895", "no better   +0"} <= set(words)
     # Where a name leaves no room for an outcome there is the number alone.
     assert "\N{MINUS SIGN}4" in words
     assert max(len(word) for word in words) < 70

@@ -10,7 +10,7 @@ from matplotlib.text import Text
 from irt.diagnosis.result import Remains, RunProof, Share
 from irt.report import style
 from irt.report.budget_plots import plot_budget
-from irt.report.error_budget import bars, remainder
+from irt.report.error_budget import bars, remainder, squares_explained
 
 
 @pytest.fixture
@@ -39,6 +39,11 @@ def test_whole_runs_come_first_and_the_parts_keep_their_order(diagnosis):
     assert [part.name for part in whole.parts] == ["tilt bias", "lag", "tracker noise", "does not repeat"]
     assert [part.share for part in second.parts] == [0.4, 0.3, 0.2, 0.1]
     assert [part.kind for part in whole.parts] == ["effect", "effect", "tracker", "rest"]
+
+
+def test_the_share_of_the_squared_error_is_that_of_the_bar_of_whole_runs(diagnosis):
+    assert "98\N{NO-BREAK SPACE}%" in squares_explained(diagnosis)
+    assert squares_explained(replace(diagnosis, budget=())) == ""
 
 
 def test_without_stamps_horizons_are_in_rows(diagnosis):

@@ -9,6 +9,7 @@ from made_up import make_diagnosis, sample_rig
 from matplotlib.figure import Figure
 
 import irt
+from irt import pictures
 from irt.model import Model
 from simulated_rigs import STEP_S, TRUTH, drive
 
@@ -98,6 +99,18 @@ def test_a_result_is_a_picture(results, name, tmp_path):
     assert picture.startswith(b"\x89PNG")
     assert min(struct.unpack(">II", picture[16:24])) > 100
     figure.savefig(tmp_path / "it.svg")
+
+
+def test_an_axis_of_errors_within_one_power_of_ten_has_numbers():
+    figure = pictures.curves(
+        [pictures.Line("", np.array([4.0, 2.6, 1.8]), pictures.AFTER)], "iteration", "error"
+    )
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    low, high = axes.get_ylim()
+    numbers = [tick.get_text() for tick in axes.get_yticklabels() if low <= tick.get_position()[1] <= high]
+    assert len(numbers) >= 2
+    assert "" not in numbers
 
 
 def test_all_that_results_are_is_at_the_top():

@@ -2,6 +2,7 @@ import math
 
 import pytest
 
+from irt.display import listed
 from irt.model import Parameter
 from irt.report.words import (
     change,
@@ -11,7 +12,6 @@ from irt.report.words import (
     explained,
     in_rows,
     labelled,
-    listed,
     millimetres,
     p_value,
     percent,

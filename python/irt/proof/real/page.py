@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from irt.display import listed
 from irt.files import as_typed, read_json
 from irt.model import Parameter
 from irt.proof.real.plots import plot_intervals, plot_tilt
@@ -12,7 +13,7 @@ from irt.proof.real.response import Comparison, Estimate
 from irt.proof.real.run import MODELS, RealProof
 from irt.proof.seal import digest
 from irt.report.page import Picture, Table, write_page
-from irt.report.words import change, counted, listed, plain, scaled, versions, with_interval
+from irt.report.words import change, counted, plain, scaled, versions, with_interval
 
 _MRAD = 1000.0
 #: Most recordings with a picture.
