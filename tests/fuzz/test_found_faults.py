@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from guard import little_memory
-from readers import CORPUS, RECORDINGS, unfinished_seed
+from guard import little_memory, outcome
+from readers import CORPUS, READERS, RECORDINGS, unfinished_seed
 
 import rig_bags
 from irt.bag import load_bag
@@ -182,6 +182,22 @@ def test_a_topic_without_a_type_in_a_bag_was_a_traceback(tmp_path) -> None:
         )
     with pytest.raises(IrtError, match="a topic lacks its name or its type"):
         topics_of(path)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "rows"),
+    [("t", "1e308", 1), ("xb", "1e155", 1), ("alpha", "1e308", 400), ("a0", "1e30", 3), ("a0", "1e308", 1)],
+)
+def test_a_number_too_large_to_square_in_a_log_warned_in_its_import(column, value, rows) -> None:
+    (reader,) = (one for one in READERS if one.name == "import")
+    header, *lines = str(reader.seeds()[0]).splitlines()
+    place = header.split(",").index(column)
+    for row in range(300, 300 + rows):
+        cells = lines[row].split(",")
+        cells[place] = value
+        lines[row] = ",".join(cells)
+    # Warnings count as errors there; such a number counts as missing.
+    assert outcome(reader, "\n".join([header, *lines]).encode()) is None
 
 
 def test_jumps_of_a_tilt_too_large_to_multiply_warned() -> None:
