@@ -374,7 +374,10 @@ def leftovers(place: Path) -> list[str]:
     found = [f"process {command}" for command in running.values()]
     for process in running:
         os.kill(process, signal.SIGKILL)
-    found += [f"tmp/{path.name}" for path in (place / "tmp").iterdir()]
+    # The cache of torch's compiler is made by any program that imports it, under one name for a user.
+    found += [
+        f"tmp/{path.name}" for path in (place / "tmp").iterdir() if not path.name.startswith("torchinductor_")
+    ]
     return found + [path.name for path in (place / "out").rglob(".irt-*")]
 
 

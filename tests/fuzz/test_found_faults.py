@@ -23,6 +23,7 @@ from irt.importing.lab_bags import topics_of
 from irt.importing.mapping import Expression
 from irt.importing.tables import read_replay
 from irt.model import load_model
+from irt.recording import load_recording
 from irt.rig import load_rig
 from irt.tracking.calibration import load_lens
 from irt.tracking.source import open_source
@@ -198,6 +199,29 @@ def test_a_number_too_large_to_square_in_a_log_warned_in_its_import(column, valu
         lines[row] = ",".join(cells)
     # Warnings count as errors there; such a number counts as missing.
     assert outcome(reader, "\n".join([header, *lines]).encode()) is None
+
+
+def _changed_run(path: Path, column: str, value: str) -> Path:
+    """Write a recording of the corpus with a formula of its row in each cell of a column."""
+    header, *lines = (CORPUS / "run.csv").read_text(encoding="utf-8").splitlines()
+    names = header.split(",")
+    rows = [dict(zip(names, line.split(","), strict=True)) for line in lines]
+    for number, row in enumerate(rows):
+        row[column] = value.format(number)
+    path.write_text("\n".join([header, *(",".join(row.values()) for row in rows)]) + "\n")
+    return path
+
+
+def test_tilts_too_large_to_average_warned(tmp_path) -> None:
+    path = _changed_run(tmp_path / "run.csv", "tilt_y_rad", "1e308")
+    with pytest.raises(IrtError, match=r"line 2, column tilt_y_rad: 1e\+308 is not an angle"):
+        load_recording(path)
+
+
+def test_stamps_too_close_for_a_rate_were_a_traceback_of_irt_check(tmp_path) -> None:
+    path = _changed_run(tmp_path / "run.csv", "t_s", "{}e-320")
+    with pytest.raises(IrtError, match=r"line 3, column t_s: most rows are .* s apart, and no camera is as"):
+        load_recording(path)
 
 
 def test_jumps_of_a_tilt_too_large_to_multiply_warned() -> None:
