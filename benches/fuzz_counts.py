@@ -40,7 +40,7 @@ def table(counts: Iterable[dict[str, Any]]) -> list[str]:
     sums: dict[tuple[str, str], Counter[str]] = {}
     for one in counts:
         known = sums.setdefault((one["language"], one["reader"]), Counter())
-        known.update({name: one[name] for name in ("inputs", "finds", "processor_s")})
+        known.update({name: one[name] for name in ("inputs", "finds", "processor_s") if name in one})
     lines = [
         "| reader | in | inputs | of the goal | finds | processor time for 1000 inputs [s] |",
         "| --- | --- | ---: | ---: | ---: | ---: |",
@@ -49,9 +49,11 @@ def table(counts: Iterable[dict[str, Any]]) -> list[str]:
         for (spoken, reader), found in sums.items():
             if spoken == language:
                 inputs = found["inputs"]
-                share, cost = min(1.0, inputs / goal), 1000 * found["processor_s"] / max(inputs, 1)
+                # A system without processor times leaves the cell empty.
+                cost = f"{1000 * found['processor_s'] / max(inputs, 1):.3g}" if found["processor_s"] else ""
+                share = min(1.0, inputs / goal)
                 lines.append(
-                    f"| {reader} | {language} | {inputs:,} | {share:.1%} | {found['finds']} | {cost:.2g} |"
+                    f"| {reader} | {language} | {inputs:,} | {share:.1%} | {found['finds']} | {cost} |"
                 )
     return lines
 
