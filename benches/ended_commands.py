@@ -169,6 +169,8 @@ def main() -> None:
                 print(json.dumps(dataclasses.asdict(found)), file=log)
             if args.page:
                 write(known)
+    if args.page:
+        write(known)
     print("\n".join(table(known)))
 
 
