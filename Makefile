@@ -63,8 +63,9 @@ test-security: $(EXTENSION) $(PACKAGES) tools ## build rig with DDS Security, an
 # Each reader in Rust gets its share: there are 24 of them, on two threads.
 .PHONY: fuzz
 fuzz: $(EXTENSION) $(PACKAGES) tools ## read files and messages that are changed at random, for FUZZ_SECONDS=600
-	$(BIN)/python tests/fuzz/fuzz.py --seconds $$(($(FUZZ_SECONDS) / 2))
-	+FUZZ_SECONDS=$$(($(FUZZ_SECONDS) / 24)) FUZZ_SEED=$$(date +%s) cargo test $(LOCKED) --release --package rig \
+	@mkdir -p out
+	$(BIN)/python tests/fuzz/fuzz.py --seconds $$(($(FUZZ_SECONDS) / 2)) --summary out/fuzz.jsonl
+	+FUZZ_SECONDS=$$(($(FUZZ_SECONDS) / 24)) FUZZ_SEED=$$(date +%s) FUZZ_SUMMARY=$(CURDIR)/out/fuzz.jsonl cargo test $(LOCKED) --release --package rig \
 		--config profile.release.package.rig.overflow-checks=true fuzz:: -- --nocapture --test-threads 2
 
 .PHONY: lint

@@ -1,7 +1,8 @@
-"""The commands that `faults.py` disturbs, and what they work on."""
+"""The commands that `ended_commands.py` disturbs, and what they work on: as little as they take."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from tracking.scene import Look, Scene
 from tracking.view import View
 
 Array = NDArray[np.float64]
+ROOT = Path(__file__).resolve().parents[1]
 TRUTH = (0.08, 0.07, 4e-4, 8.0, 1.0)
 BACKLASH = {"name": "backlash", "width_x_rad": 0.06, "width_y_rad": 0.05}
 
@@ -33,11 +35,14 @@ class Case:
         Its arguments; inputs are in ``in``, results go to ``out``.
     prepare : callable
         Writes the inputs into a folder.
+    needs : str
+        A package without which the command is left out.
     """
 
     name: str
     words: tuple[str, ...]
-    prepare: Callable[[Path], None]
+    prepare: Callable[[Path], None] = lambda to: None
+    needs: str = ""
 
 
 def drive(rows: int, seed: int) -> Array:
@@ -49,7 +54,7 @@ def drive(rows: int, seed: int) -> Array:
     return moved
 
 
-def rig(folder: Path, runs: int = 3, rows: int = 60) -> None:
+def rig(folder: Path, runs: int, rows: int) -> None:
     """Write recordings of a rig with backlash."""
     folder.mkdir()
     for run in range(runs):
@@ -61,17 +66,16 @@ def rig(folder: Path, runs: int = 3, rows: int = 60) -> None:
 
 def rigs(folder: Path) -> None:
     """Write two rigs."""
-    rig(folder / "a")
-    rig(folder / "b", runs=2)
+    rig(folder / "a", 2, 40)
+    rig(folder / "b", 2, 50)
 
 
 def film(folder: Path) -> None:
     """Film 60 pictures of a run, and write its commands."""
     knobs = drive(60, 5)
     places, tilts = rollouts([TRUTH], knobs, tilt=True)
-    scene = Scene(
-        View.above(300.0, lean=(0.05, -0.08)), Paint(lines=2, holes=2), Look("blue"), places[0], tilts[0]
-    )
+    view = View.above(220.0, lean=(0.05, -0.08), size=(320, 240))
+    scene = Scene(view, Paint(lines=2, holes=2), Look("blue"), places[0], tilts[0])
     (folder / "film").mkdir()
     for index, (picture, _) in enumerate(scene.frames()):
         cv2.imwrite(str(folder / "film" / f"{index}.png"), picture)
@@ -91,15 +95,19 @@ def log(folder: Path) -> None:
     (folder / "log.csv").write_text("\n".join(rows) + "\n")
 
 
-_PRETRAIN = ("pretrain", "--pairs", "100", "--epochs", "20", "--device", "cpu", "--threads", "1")
+_ONE_THREAD = ("--out", "out", "--threads", "1")
+_NETWORK = ("--out", "out/net.safetensors", "--device", "cpu", "--threads", "1")
+#: A proof of one rig whose world is the tests' own, of a few rows.
+_WORLD = f"{sys.executable} {ROOT / 'tests' / 'unit' / 'proof' / 'fake_world.py'}"
+_PROOF = ("prove", "--rigs", "1", "--nulls", "0", "--seed", "3", "--jobs", "1", "--out", "out")
 
 CASES = (
-    Case(
-        "irt diagnose", ("diagnose", "in/rig", "--out", "out", "--threads", "1"), lambda to: rig(to / "rig")
-    ),
+    Case("irt diagnose", ("diagnose", "in/rig", *_ONE_THREAD), lambda to: rig(to / "rig", 2, 40)),
     Case("irt diagnose (two rigs)", ("diagnose", "in/a", "in/b", "--out", "out", "--jobs", "2"), rigs),
-    Case("irt tune", ("tune", "in/rig", "--out", "out", "--threads", "1"), lambda to: rig(to / "rig")),
+    Case("irt prove", (*_PROOF, "--world", _WORLD)),
+    Case("irt pretrain", ("pretrain", "--pairs", "4", "--epochs", "2", *_NETWORK), needs="torch"),
     Case("irt track", ("track", "in/film", "--commands", "in/commands.csv", "--out", "out"), film),
     Case("irt import", ("import", "in/log.csv", "--out", "out"), log),
-    Case("irt pretrain", (*_PRETRAIN, "--out", "out/net.safetensors"), lambda to: None),
+    Case("irt reproduce", ("reproduce", "symmetry", "--targets", "2", "--rigs", "2", *_ONE_THREAD)),
+    Case("irt tune", ("tune", "in/rig", *_ONE_THREAD), lambda to: rig(to / "rig", 2, 40)),
 )

@@ -33,6 +33,9 @@ _LARGEST = 1e6
 _STEEPEST_RAD = 0.5
 #: Longest duration of a command [s]: 5000 physics updates, the engine's limit.
 _LONGEST_STEP_S = 5000 / 240
+#: Shortest median step [s]: no camera takes a million pictures a second, and the rate of a much smaller step
+#: overflows.
+_SHORTEST_STEP_S = 1e-6
 
 
 def check_header(where: str, header: list[str], required: Sequence[str]) -> None:
@@ -88,13 +91,18 @@ def check_commands(
             f"{where(row + 1, STAMP)}: {steps[row]:.6g} s after the row before; are the stamps in seconds? "
             "Otherwise split the recording at this pause"
         )
+    if (typical := float(np.median(steps))) < _SHORTEST_STEP_S:
+        raise IrtError(
+            f"{where(1, STAMP)}: most rows are {typical:.3g} s apart, and no camera is as fast; give stamps "
+            "in seconds"
+        )
 
 
 def check_tilt(tilt: Array, where: Where) -> None:
-    """Raise if a measured tilt is infinite."""
+    """Raise if a measured tilt is no angle."""
     for axis, column in enumerate(TILT):
         values = np.abs(tilt[:, axis])
-        if (row := first_row(np.isinf(values))) is not None:
+        if (row := first_row(values > _LARGEST)) is not None:
             raise IrtError(
                 f"{where(row, column)}: {tilt[row, axis]} is not an angle; leave the cell empty where the "
                 "tilt was not measured"

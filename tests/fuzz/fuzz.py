@@ -2,6 +2,7 @@
 
     python tests/fuzz/fuzz.py --seconds 300 --out /tmp/finds
 
+A line of JSON a reader is appended to ``--summary``, of which ``benches/fuzz_counts.py`` makes a table.
 Exit status 1 if anything but success or one line of refusal came of an input.
 """
 
@@ -10,7 +11,10 @@ from __future__ import annotations
 import argparse
 import collections
 import faulthandler
+import gc
 import hashlib
+import itertools
+import json
 import math
 import os
 import resource
@@ -18,6 +22,8 @@ import signal
 import sys
 import time
 import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 from typing import TextIO
@@ -32,12 +38,29 @@ _MOST_S = 20
 _BATCH = 500
 
 
+@dataclass(frozen=True)
+class Batch:
+    """Inputs of one child process, which follow from a seed."""
+
+    reader: Reader
+    seeds: Sequence[str | bytes]
+    seed: str
+
+    def input(self, index: int) -> bytes:
+        """Return the input of this number."""
+        random = Random(f"{self.reader.name} {self.seed} {index}")
+        edits = range(random.choice((1, 1, 1, 2, 2, 3, 4)))
+        return edited(random.choice(self.seeds), [random.getrandbits(64) for _ in edits])
+
+
 def main() -> int:
     """Share the time among the readers, and return the exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seconds", type=float, default=300.0, help="in all (default: 300)")
+    parser.add_argument("--inputs", type=int, default=10**9, help="most for each reader (default: no limit)")
+    parser.add_argument("--summary", type=Path, help="file to which the counts are appended")
     parser.add_argument("--seed", type=int, default=None, help="of the inputs (default: the time)")
     parser.add_argument(
         "--out", type=Path, default=Path("out/finds"), help="folder of finds (default: out/finds)"
@@ -49,7 +72,14 @@ def main() -> int:
     print(f"{'reader':<12} {'inputs':>8} {'taken':>8} {'finds':>6}   (seed {seed})")
     failed = False
     for reader in chosen:
-        counts, finds = run(reader, seed, args.seconds / len(chosen), args.out)
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        counts, finds = run(reader, seed, args.seconds / len(chosen), args.inputs, args.out)
+        if args.summary:
+            about = {"language": "Python", "reader": reader.name, "finds": len(finds)}
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            line = json.dumps(about | counts | {"processor_s": sum(after[:2]) - sum(before[:2])})
+            with args.summary.open("a", encoding="utf-8") as summary:
+                print(line, file=summary)
         print(f"{reader.name:<12} {counts['inputs']:>8} {counts['taken']:>8} {len(finds):>6}", flush=True)
         for place, text in finds.items():
             print(f"    {place}: {text}", flush=True)
@@ -58,19 +88,23 @@ def main() -> int:
 
 
 def run(
-    reader: Reader, seed: int, seconds: float, out: Path
+    reader: Reader, seed: int, seconds: float, most: int, out: Path
 ) -> tuple[collections.Counter[str], dict[str, str]]:
     """Fuzz one reader in child processes; return counts, and the finds by their place in the sources."""
     counts: collections.Counter[str] = collections.Counter()
     finds: dict[str, str] = {}
     end = time.monotonic() + seconds
-    batch = 0
-    while time.monotonic() < end:
+    seeds = reader.seeds()
+    numbers = itertools.count()
+    # Else each child's collector copies the pages of all objects.
+    gc.freeze()
+    while time.monotonic() < end and counts["inputs"] < most:
+        batch = Batch(reader, seeds, f"{seed} {next(numbers)}")
         read, write = os.pipe()
         if (child := os.fork()) == 0:
             os.close(read)
             with os.fdopen(write, "w") as pipe:
-                _child(reader, f"{seed} {batch}", end, out, pipe)
+                _child(batch, min(_BATCH, most - counts["inputs"]), end, out, pipe)
             os._exit(0)
         os.close(write)
         last = b""
@@ -88,25 +122,19 @@ def run(
         _, status = os.waitpid(child, 0)
         if os.WIFSIGNALED(status):
             name = signal.Signals(os.WTERMSIG(status)).name
-            finds.setdefault(f"ended by {name}", f"input {last.decode()} of seed {seed} batch {batch}")
-            _keep(out, reader, _input(reader, f"{seed} {batch}", int(last or b"0")))
-        batch += 1
+            finds.setdefault(f"ended by {name}", f"input {last.decode()} of batch {batch.seed}")
+            _keep(out, reader, batch.input(int(last or b"0")))
     return counts, finds
 
 
-def _input(reader: Reader, seed: str, index: int) -> bytes:
-    random = Random(f"{reader.name} {seed} {index}")
-    edits = range(random.choice((1, 1, 1, 2, 2, 3, 4)))
-    return edited(random.choice(reader.seeds()), [random.getrandbits(64) for _ in edits])
-
-
-def _child(reader: Reader, seed: str, end: float, out: Path, pipe: TextIO) -> None:
+def _child(batch: Batch, size: int, end: float, out: Path, pipe: TextIO) -> None:
+    reader = batch.reader
     faulthandler.enable()
     with little_memory():
-        for index in range(_BATCH):
+        for index in range(size):
             if time.monotonic() > end:
                 return
-            data = _input(reader, seed, index)
+            data = batch.input(index)
             print(f"at {index}", file=pipe, flush=True)
             # A library that never returns to Python ends the process; the parent knows the input.
             used = math.ceil(time.process_time())

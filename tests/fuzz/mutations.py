@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Sequence
+from functools import lru_cache
 from random import Random
 
 from hypothesis import strategies as st
@@ -96,24 +97,31 @@ def edited(seed: str | bytes, edits: Sequence[int]) -> bytes:
     return _edited_text(seed, edits) if isinstance(seed, str) else _edited_bytes(seed, edits)
 
 
+@lru_cache(maxsize=4)
+def _tokens(text: str) -> list[tuple[int, int]]:
+    """Return where the tokens of a text begin and end; the first edit of an input is one of a whole seed."""
+    return [token.span() for token in _TOKEN.finditer(text)]
+
+
 def _edited_text(text: str, edits: Sequence[int]) -> bytes:
     for edit in edits:
         random = Random(edit)
-        tokens = list(_TOKEN.finditer(text))
+        tokens = _tokens(text)
         if not tokens:
             break
-        token, kind = random.choice(tokens), random.randrange(11)
+        (begin, end), kind = random.choice(tokens), random.randrange(11)
         if kind <= 5:
-            is_number = token.group()[-1].isdigit() and random.random() < 0.6
+            is_number = text[end - 1].isdigit() and random.random() < 0.6
             put = random.choice(_NUMBERS if is_number else NASTY)
-            text = text[: token.start()] + put + text[token.end() :]
+            text = text[:begin] + put + text[end:]
         elif kind == 6:
-            text = text[: token.start()] + random.choice(tokens).group() + text[token.end() :]
+            other = random.choice(tokens)
+            text = text[:begin] + text[slice(*other)] + text[end:]
         elif kind == 7:
             strange = "".join(
                 chr(random.choice((random.randrange(128), random.randrange(0xD800)))) for _ in "12"
             )
-            text = text[: token.start()] + strange + text[token.end() :]
+            text = text[:begin] + strange + text[end:]
         else:
             text = _lines_changed(text, random, kind)
     data = text.encode()

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from guard import little_memory
-from readers import CORPUS, RECORDINGS, unfinished_seed
+from guard import little_memory, outcome
+from readers import CORPUS, READERS, RECORDINGS, unfinished_seed
 
 import rig_bags
 from irt.bag import load_bag
@@ -23,6 +23,7 @@ from irt.importing.lab_bags import topics_of
 from irt.importing.mapping import Expression
 from irt.importing.tables import read_replay
 from irt.model import load_model
+from irt.recording import load_recording
 from irt.rig import load_rig
 from irt.tracking.calibration import load_lens
 from irt.tracking.source import open_source
@@ -182,6 +183,45 @@ def test_a_topic_without_a_type_in_a_bag_was_a_traceback(tmp_path) -> None:
         )
     with pytest.raises(IrtError, match="a topic lacks its name or its type"):
         topics_of(path)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "rows"),
+    [("t", "1e308", 1), ("xb", "1e155", 1), ("alpha", "1e308", 400), ("a0", "1e30", 3), ("a0", "1e308", 1)],
+)
+def test_a_number_too_large_to_square_in_a_log_warned_in_its_import(column, value, rows) -> None:
+    (reader,) = (one for one in READERS if one.name == "import")
+    header, *lines = str(reader.seeds()[0]).splitlines()
+    place = header.split(",").index(column)
+    for row in range(300, 300 + rows):
+        cells = lines[row].split(",")
+        cells[place] = value
+        lines[row] = ",".join(cells)
+    # Warnings count as errors there; such a number counts as missing.
+    assert outcome(reader, "\n".join([header, *lines]).encode()) is None
+
+
+def _changed_run(path: Path, column: str, value: str) -> Path:
+    """Write a recording of the corpus with a formula of its row in each cell of a column."""
+    header, *lines = (CORPUS / "run.csv").read_text(encoding="utf-8").splitlines()
+    names = header.split(",")
+    rows = [dict(zip(names, line.split(","), strict=True)) for line in lines]
+    for number, row in enumerate(rows):
+        row[column] = value.format(number)
+    path.write_text("\n".join([header, *(",".join(row.values()) for row in rows)]) + "\n")
+    return path
+
+
+def test_tilts_too_large_to_average_warned(tmp_path) -> None:
+    path = _changed_run(tmp_path / "run.csv", "tilt_y_rad", "1e308")
+    with pytest.raises(IrtError, match=r"line 2, column tilt_y_rad: 1e\+308 is not an angle"):
+        load_recording(path)
+
+
+def test_stamps_too_close_for_a_rate_were_a_traceback_of_irt_check(tmp_path) -> None:
+    path = _changed_run(tmp_path / "run.csv", "t_s", "{}e-320")
+    with pytest.raises(IrtError, match=r"line 3, column t_s: most rows are .* s apart, and no camera is as"):
+        load_recording(path)
 
 
 def test_jumps_of_a_tilt_too_large_to_multiply_warned() -> None:

@@ -31,6 +31,9 @@ _LONGEST_STEP_S = 2.0
 _APART_S = 10.0
 #: Backward step of a stamp [s] that starts a new run; after a smaller one the row was late.
 _NEW_CLOCK_S = 0.5
+#: Larger values are broken and count as missing: counts of 32 bits are the largest numbers in use for angles,
+#: places and commands, and nanoseconds since 1970, of 1.8e18, for stamps. Squares of broken ones overflow.
+_LARGEST, _LARGEST_STAMP = 2.0**32, 1e19
 
 
 @dataclass(frozen=True)
@@ -177,9 +180,10 @@ def _log(
             return None
         table, count = (commands, command_rows) if of_commands else (states, rows)
         known = {**table, "edge_x_m": np.full(count, reading.edge_x_m), "nan": np.full(count, np.nan)}
-        return mapping[target].evaluate(known, count, f"{path}")
+        most = _LARGEST_STAMP if target in {STAMP, COMMAND_STAMP, TILT_STAMP} else _LARGEST
+        return _sound(mapping[target].evaluate(known, count, f"{path}"), most)
 
-    stamps = mapping[STAMP].evaluate(states, rows, f"{path}")
+    stamps = _sound(mapping[STAMP].evaluate(states, rows, f"{path}"), _LARGEST_STAMP)
     marble = _pair(path, MARBLE, value, rows)
     tilt = _columns_of(TILT, value, rows)
     names = _command_names(path, mapping)
@@ -226,6 +230,11 @@ def _log(
         stamped=stamped,
         notes=tuple(notes),
     )
+
+
+def _sound(values: Array, most: float) -> Array:
+    """Return values with NaN for those beyond the largest possible one."""
+    return np.where(np.abs(values) <= most, values, np.nan)
 
 
 def _full_mapping(

@@ -27,7 +27,7 @@ fn configurations() {
     let path = Path::new("rig.toml");
     let mut seeds = texts(&[EXAMPLE]);
     seeds.extend(texts(&EXAMPLES));
-    fuzz(&seeds, |bytes| {
+    fuzz("rig.toml", &seeds, |bytes| {
         let text = String::from_utf8_lossy(bytes);
         let arms = config::parse(path, &text, Config::mistakes);
         let lab = config::parse(path, &text, LabConfig::mistakes);
@@ -49,7 +49,7 @@ fn commands_to_play() {
         "step,t_s,knob_x_rad,knob_y_rad,marble_x,marble_y\n0,5,0,0,0.1,-0.2\n1,5.1,0.01,0,,\n2,5.25,0,0.02,,\n",
         "knob_x_rad,knob_y_rad\n0,0\n0.01,-0.02\n0,0\n",
     ]);
-    fuzz(&seeds, |bytes| {
+    fuzz("commands to play", &seeds, |bytes| {
         let text = String::from_utf8_lossy(bytes);
         for period in [None, Some(0.1)] {
             match Commands::parse(&text, &[commands::KNOBS], period) {
@@ -81,7 +81,7 @@ fn models() -> Vec<Vec<u8>> {
 /// A model that is taken can be simulated: the marble is somewhere on the board, or has fallen.
 #[test]
 fn models_to_simulate() {
-    fuzz(&models(), |bytes| {
+    fuzz("model.toml", &models(), |bytes| {
         let text = String::from_utf8_lossy(bytes);
         let model = match Model::parse(&text) {
             Ok(model) => model,
@@ -151,7 +151,7 @@ fn bags_to_recover() {
     }
     recorder.finish().expect("nothing is lost");
     let seed = fs::read(&bag).expect("it was written");
-    fuzz(&[seed], |bytes| {
+    fuzz("bags to recover", &[seed], |bytes| {
         let _ = fs::remove_file(&out);
         fs::write(&bag, bytes).expect("it can be written");
         match recover(&bag, Some(&out)) {

@@ -58,7 +58,8 @@ fn config() -> Config {
 /// Reads changed bytes of a message in both byte orders; what can be read is taken, and can be written again.
 fn message<M: Serialize + DeserializeOwned + std::fmt::Debug>(seed: &M, take: impl Fn(M)) {
     let bytes = cdr_encoding::to_vec::<M, LittleEndian>(seed).expect("it can be written");
-    fuzz(&[bytes], |bytes| {
+    let name = std::any::type_name::<M>().rsplit("::").next();
+    fuzz(name.expect("it has a name"), &[bytes], |bytes| {
         if let Ok((read, used)) = cdr_encoding::from_bytes::<M, BigEndian>(bytes) {
             assert!(used <= bytes.len());
             take(read);
@@ -286,7 +287,7 @@ fn requests_and_answers_in_json() {
     .map(|request| request.line().into_bytes())
     .collect();
     seeds.push(observation(&seen, &[7; 16]).into_bytes());
-    fuzz(&seeds, |bytes| {
+    fuzz("lines of JSON", &seeds, |bytes| {
         let mut lines = Lines::default();
         let found = bytes.chunks(100).flat_map(|part| lines.take(part));
         for line in found {
