@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use mcap::Attachment;
-use mcap::read::{ChunkReader, LinearReader, Options};
+use mcap::read::{LinearReader, Options};
 use mcap::records::{MessageHeader, Record};
 
 use crate::error::{Error, Result};
@@ -94,9 +94,12 @@ fn copy(bytes: &[u8], to: &Path) -> std::result::Result<Copied, String> {
         let Ok(record) = record else { break };
         match record {
             Record::Chunk { header, data } => {
-                let Ok(chunk) = ChunkReader::new(header, &data) else {
+                // Bags of a rig are not compressed.
+                if !header.compression.is_empty() {
                     break;
-                };
+                }
+                // A reader with a limit to lengths: `ChunkReader` adds to one near 2^64, and overflows.
+                let chunk = LinearReader::sans_magic(&data);
                 for record in chunk.map_while(mcap::McapResult::ok) {
                     copy.take(record).map_err(|error| recorder::said(&error))?;
                 }
@@ -228,6 +231,22 @@ mod tests {
         assert!(written.latency_ms(0.99).is_finite());
         let bytes = fs::read(&path).expect("it is there");
         (path, bytes)
+    }
+
+    #[test]
+    fn a_length_in_a_chunk_that_overflows_ends_the_chunk() {
+        let folder = Folder::new("overflow");
+        let (path, mut bytes) = recorded(&folder, 0);
+        // The chunk's first record is the schema: its opcode, and its length behind it.
+        let name = bytes
+            .windows(4)
+            .position(|part| part == b"std_")
+            .expect("a schema is named");
+        let length = name - 4 - 2 - 8;
+        bytes[length..length + 8].copy_from_slice(&(u64::MAX - 3).to_le_bytes());
+        fs::write(&path, bytes).expect("it can be written");
+        let found = recover(&path, None).expect("the rest can be read");
+        assert_eq!(found.messages, 0);
     }
 
     #[test]
