@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import socket
 import sys
 import time
@@ -43,7 +44,8 @@ def cyberrunner() -> dict[str, Any]:
             for message in states.take(N=100):
                 state, image = message.state, message.subimg
                 rows.append([time.monotonic(), state.x_b, state.y_b, state.alpha, state.beta, state.x_b_dot])
-                if not picture:
+                # Without a marble there is nothing to cut out: such a picture is black.
+                if not picture and math.isfinite(state.x_b):
                     whole = list(image.data)
                     middle = 3 * (64 * 32 + 32)
                     picture.update(
