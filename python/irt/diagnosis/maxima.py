@@ -9,7 +9,7 @@ test: Ursem, "Multinational evolutionary algorithms", 1999).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,15 +31,17 @@ def distinct(scores: Scores, fits: Sequence[Scored]) -> list[Scored]:
     return found
 
 
-def promising(scores: Scores, names: Sequence[str]) -> list[tuple[Scored, list[Promise]]]:
+def promising(
+    scores: Scores, names: Sequence[str], screened: Mapping[Scored, list[Promise]]
+) -> list[tuple[Scored, list[Promise]]]:
     """Return maxima of the five parameters alone with their screened effects, the largest gain first.
 
-    Of the maxima at which the same effect gains most, only the one with the largest sum of score and gain is
-    returned.
+    Maxima in `screened` are not screened again. Of the maxima at which the same effect gains most, only the
+    one with the largest sum of score and gain is returned.
     """
     best: dict[str, tuple[Scored, list[Promise]]] = {}
     for one in distinct(scores, scores.fits_of_base):
-        promises = Screening(scores, one).promises(names)
+        promises = screened[one] if one in screened else Screening(scores, one).promises(names)
         kept = best.get(promises[0].name)
         if kept is None or one.score + promises[0].gain > kept[0].score + kept[1][0].gain:
             best[promises[0].name] = (one, promises)

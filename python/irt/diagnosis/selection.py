@@ -174,10 +174,13 @@ class Selection:
         If a first effect gains little, it competes with those that show at other local maxima of the five
         parameters.
         """
-        better = self._with_one_of(self._other(parent), parent)
+        names = self._other(parent)
+        screened = Screening(self.scores, parent).promises(names)
+        found = self._fitted(parent, screened[: config.FITTED], parent.score)
+        better = self._if_better(found, parent, None)
         if parent.effects or (better is not None and better.score > parent.score + config.NEAR):
             return better
-        for maximum, promises in promising(self.scores, self._other(parent)):
+        for maximum, promises in promising(self.scores, names, {parent: screened}):
             to_beat = parent if better is None else better
             if maximum is not parent and maximum.score + promises[0].gain > to_beat.score - config.NEAR:
                 found = self._fitted(maximum, promises[: config.SWAPPED], to_beat.score)
@@ -198,7 +201,9 @@ class Selection:
 
     def _mapped(self, parent: Scored) -> Scored | None:
         """Return the set with an additional slope map, if it is better."""
-        return self._with_one_of([MAP], parent) if MAP not in parent.effects else None
+        if MAP in parent.effects:
+            return None
+        return self._if_better(self._best_child(parent, [MAP], 1, parent.score), parent, None)
 
     def _grown_from_rival(self, one: Scored) -> Scored | None:
         """Return a better set that adds an effect to a rival of a set, if there is one.
@@ -213,9 +218,6 @@ class Selection:
                     if better is not None:
                         return better
         return None
-
-    def _with_one_of(self, names: Sequence[str], parent: Scored) -> Scored | None:
-        return self._if_better(self._best_child(parent, names, config.FITTED, parent.score), parent, None)
 
     @staticmethod
     def _if_better(found: Scored | None, to_beat: Scored, otherwise: Scored | None) -> Scored | None:

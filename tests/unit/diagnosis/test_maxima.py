@@ -33,7 +33,7 @@ def test_distinct_maxima_come_the_best_first_and_never_without_a_score(plant):
     assert 1 < len(found) <= config.MAXIMA
     assert found[0] is base
     assert [one.score for one in found] == sorted((one.score for one in found), reverse=True)
-    shown = [promises[0].name for _, promises in promising(scores, ["point_field", "tilt_bias", "bump"])]
+    shown = [promises[0].name for _, promises in promising(scores, ["point_field", "tilt_bias", "bump"], {})]
     assert len(shown) == len(set(shown))
 
 
