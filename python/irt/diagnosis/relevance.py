@@ -99,10 +99,13 @@ class Relevance:
         """
         without, full = (self.validation.of(each) for each in (self.without(one, name), one))
         windows = without.windowed - full.windowed
+        if not np.isfinite(windows):
+            windows = -np.inf
         runs = without.mae - full.mae
-        if runs >= config.MATTERS * one.dataset.noise and not (one.is_free or _is_exact(one)):
+        matters = runs >= config.MATTERS * one.dataset.noise
+        if matters and runs > windows and not (one.is_free or _is_exact(one)):
             runs = min(runs, self.validation.of(self._freed_without(one, name)).mae - full.mae)
-        return max(runs, windows if np.isfinite(windows) else -np.inf)
+        return max(runs, windows)
 
     def _freed_without(self, one: Scored, name: str) -> Scored:
         """Return a set without one of its effects, with values from free runs."""
