@@ -104,10 +104,7 @@ fn simulate<S: Simd, const N: usize>(
         let each = estimators.iter_mut().zip(&mut marbles);
         for (i, (estimator, out)) in each.zip(out.chunks_mut(S::F64_LANES)).enumerate() {
             if let (Some(estimator), marbles) = estimator {
-                let register = &registers[i];
-                estimator.may_rest(|place| register.holds(place));
-                let (rims, tilt) = (&register.rims, &register.actuation.tilt);
-                estimator.correct(row, rims, marbles, tilt, groups[i], out);
+                estimator.correct(row, &registers[i], marbles, groups[i], out);
             }
         }
         if row + 1 == first + setup.rows || setup.is_cancelled() {

@@ -12,7 +12,7 @@ use pulp::{NullaryFnOnce, Simd};
 
 use self::covariance::{Covariance, Row, Sight, Variances};
 use self::rest::{Seen, Start, Stop};
-use super::LaneGroup;
+use super::{LaneGroup, Register};
 use crate::board::GRAVITY;
 use crate::correction::Correction;
 use crate::engine::{Job, Measured, Sink};
@@ -118,28 +118,21 @@ impl<S: Simd> Estimator<S> {
         })
     }
 
-    /// Leaves out stops where friction does not hold a marble that is at rest at a place (m).
-    pub(super) fn may_rest(&mut self, holds: impl FnOnce(Pair<S>) -> Mask<S>) {
-        self.stop.may_last(holds);
-    }
-
-    /// Corrects the marbles by the observation of a row. `out` holds the predicted observation; the tracker's
-    /// lasting error is added to it, and the variance of the prediction is written beside it.
+    /// Corrects the marbles on a board by the observation of a row. `out` holds the predicted observation; the
+    /// tracker's lasting error is added to it, and the variance of the prediction is written beside it.
     pub(super) fn correct(
         &mut self,
         row: usize,
-        rims: &Rims<S>,
+        board: &Register<S>,
         marbles: &mut Marbles<S>,
-        tilt: &Pair<S>,
         group: LaneGroup<'_, '_>,
         out: &mut [Sink<'_>],
     ) {
-        rims.reach_x.simd().vectorize(Taken {
+        board.rims.reach_x.simd().vectorize(Taken {
             estimator: self,
             row,
-            rims,
+            board,
             marbles,
-            tilt,
             group,
             out,
         });
@@ -235,9 +228,8 @@ impl<S: Simd> Estimator<S> {
 struct Taken<'a, 'b, 'c, 'd, S: Simd> {
     estimator: &'a mut Estimator<S>,
     row: usize,
-    rims: &'a Rims<S>,
+    board: &'a Register<S>,
     marbles: &'a mut Marbles<S>,
-    tilt: &'a Pair<S>,
     group: LaneGroup<'b, 'c>,
     out: &'a mut [Sink<'d>],
 }
@@ -250,12 +242,12 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         let Self {
             estimator,
             row,
-            rims,
+            board,
             marbles,
-            tilt,
             group,
             out,
         } = self;
+        let (rims, tilt) = (&board.rims, &board.actuation.tilt);
         let simd = rims.reach_x.simd();
         let edges_per_m = estimator.edges_per_m;
         let of_job = |of: &dyn Fn(&Job<'_>) -> f64| Lanes::from_fn(simd, |lane| of(group.of(lane)));
@@ -274,6 +266,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         let rests = estimator.resting(marbles);
         let met = estimator.grow(&lasted, tilt, rims, rests);
         estimator.start.advance(seconds);
+        let at_rest = estimator.stop.places();
         let places = [&mut marbles.x, &mut marbles.y];
         let velocities = [&mut marbles.vx, &mut marbles.vy];
         let spins = [&mut marbles.sx, &mut marbles.sy];
@@ -347,6 +340,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
             write_prediction(out, at, predicted, variance, &is_start);
         }
         estimator.tilt = *tilt;
+        estimator.stop.may_last(|| board.holds(at_rest));
         estimator.decide(marbles, rests, seconds);
     }
 }

@@ -5,7 +5,7 @@
 //! rest, however far the marble has gone. So the rows are compared with a marble that did the other thing in the last row in
 //! which this was no likelier, by a cumulative sum of log-likelihood ratios (Page 1954, "Continuous inspection schemes").
 
-use pulp::Simd;
+use pulp::{NullaryFnOnce, Simd};
 
 use super::super::contact::substep;
 use super::super::{Acting, Register};
@@ -78,12 +78,19 @@ impl<S: Simd> Stop<S> {
         }
     }
 
-    /// Leaves out stops at places (m) where friction does not hold marbles.
+    /// The places (m) before the observation of a row.
     #[inline(always)]
-    pub(super) fn may_last(&mut self, holds: impl FnOnce(Pair<S>) -> Mask<S>) {
+    pub(super) fn places(&self) -> Pair<S> {
+        self.places
+    }
+
+    /// Leaves out stops where friction does not hold marbles. Asks only if a stop is likelier than none, because the
+    /// answer takes as long as a substep.
+    #[inline(always)]
+    pub(super) fn may_last(&mut self, holds: impl FnOnce() -> Mask<S>) {
         let one = self.odds.like(1.0);
-        if self.odds.ge(one).any() {
-            self.odds = holds(self.places).select(self.odds, one.like(0.0));
+        if self.odds.gt(one).any() {
+            self.odds = holds().select(self.odds, one.like(0.0));
         }
     }
 
@@ -279,21 +286,36 @@ impl<S: Simd> Estimator<S> {
 
 impl<S: Simd> Register<S> {
     /// Where friction holds marbles that are at rest at a place (m), as the board lies now.
-    pub(in super::super) fn holds(&self, place: Pair<S>) -> Mask<S> {
-        let rest = Marbles::at_rest(place);
-        let mut push = self.actuation.push;
-        if !self.forces.is_empty() {
+    pub(super) fn holds(&self, place: Pair<S>) -> Mask<S> {
+        let simd = self.rims.reach_x.simd();
+        simd.vectorize(Holding { board: self, place })
+    }
+}
+
+/// The answer of [`Register::holds`], in a separate function.
+struct Holding<'a, S: Simd> {
+    board: &'a Register<S>,
+    place: Pair<S>,
+}
+
+impl<S: Simd> NullaryFnOnce for Holding<'_, S> {
+    type Output = Mask<S>;
+
+    #[inline(always)]
+    fn call(self) -> Mask<S> {
+        let rest = Marbles::at_rest(self.place);
+        let mut push = self.board.actuation.push;
+        if !self.board.forces.is_empty() {
             // Effects with a memory keep it.
-            let mut effects = self.forces.clone();
-            let simd = self.rims.reach_x.simd();
-            simd.vectorize(Acting {
+            let mut effects = self.board.forces.clone();
+            rest.x.simd().vectorize(Acting {
                 effects: &mut effects,
-                tilt: &self.actuation.tilt,
+                tilt: &self.board.actuation.tilt,
                 marbles: &rest,
                 push: &mut push,
             });
         }
-        let next = substep(&self.rims, &rest, &push);
+        let next = substep(&self.board.rims, &rest, &push);
         let zero = next.vx.like(0.0);
         next.vx.abs().le(zero) & next.vy.abs().le(zero)
     }
