@@ -1,6 +1,12 @@
 //! Derivatives of predictions and of their variances: by finite differences, or carried along a step.
 
+#![expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+
 use nalgebra::{DMatrix, DVector, Matrix4, SVector};
+use pulp::Arch;
 
 use super::scoring::{Slope, Start, Step};
 use crate::engine::TAIL;
@@ -135,6 +141,22 @@ impl Derivatives {
     /// Slope and curvature of the log-likelihood by Fisher's scoring: of predictions and of the logarithms of their
     /// variances.
     pub(super) fn slope(&self, windows: usize) -> Slope {
+        // With the widest registers of the machine; sums have the same order in all of them.
+        let (log_likelihood, count) = (log_likelihood(&self.innovations), self.count);
+        let (curvature, uphill, starts) = Arch::new().dispatch(|| self.sums(windows));
+        Slope {
+            log_likelihood,
+            curvature: DMatrix::from_fn(count, count, |a, b| {
+                curvature[a.max(b) * count + a.min(b)]
+            }),
+            uphill,
+            starts,
+        }
+    }
+
+    /// Lower triangle of the curvature, slope, and those of the start states.
+    #[inline(always)]
+    fn sums(&self, windows: usize) -> (Vec<f64>, DVector<f64>, Vec<Start>) {
         let count = self.count;
         let mut curvature = vec![0.0; count * count];
         let mut uphill = DVector::zeros(count);
@@ -173,14 +195,7 @@ impl Derivatives {
                 }
             }
         }
-        Slope {
-            log_likelihood: log_likelihood(&self.innovations),
-            curvature: DMatrix::from_fn(count, count, |a, b| {
-                curvature[a.max(b) * count + a.min(b)]
-            }),
-            uphill,
-            starts,
-        }
+        (curvature, uphill, starts)
     }
 }
 
@@ -189,6 +204,7 @@ fn dot(one: &[f64], other: &[f64]) -> f64 {
 }
 
 /// Adds a multiple of the first elements of another vector.
+#[inline(always)]
 fn add(to: &mut [f64], factor: f64, other: &[f64]) {
     for (to, other) in to.iter_mut().zip(other) {
         *to += factor * other;

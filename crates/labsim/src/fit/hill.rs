@@ -9,7 +9,7 @@ use super::derivatives::{Derivatives, Innovation, log_likelihood};
 use super::prior::Prior;
 use super::random_sizes::{SIZES, of_sizes, sizes, with_sizes};
 use super::scoring::{Slope, Start, Step};
-use super::shooting::{Filtered, Shooting, Trial};
+use super::shooting::{Shooting, Trial};
 use super::windows::State;
 use crate::error::Result;
 use crate::noise::Noise;
@@ -451,39 +451,41 @@ impl<'a> Hill<'a> {
         left_out: impl Iterator<Item = Option<usize>>,
     ) -> Result<Vec<Vec<Innovation>>> {
         let noise: Vec<Noise> = trials.iter().map(|(_, noise)| *noise).collect();
+        let left_out: Vec<Option<usize>> = left_out.collect();
         let trials: Vec<&Trial> = trials.iter().map(|(trial, _)| trial).collect();
-        let filtered = self.shooting.filter(&trials, &noise)?;
-        Ok(filtered
-            .iter()
-            .zip(left_out)
-            .map(|(one, left_out)| self.innovations_of(one, left_out))
-            .collect())
+        let mut innovations: Vec<Vec<Innovation>> = vec![Vec::new(); trials.len()];
+        self.shooting
+            .predict(&trials, &noise, |[trial, window], predicted, variance| {
+                if left_out[trial].is_none_or(|fold| self.folds[window] != fold) {
+                    self.compare(window, predicted, variance, &mut innovations[trial]);
+                }
+            })?;
+        Ok(innovations)
     }
 
-    fn innovations_of(&self, found: &Filtered, left_out: Option<usize>) -> Vec<Innovation> {
+    fn compare(
+        &self,
+        number: usize,
+        predicted: &[[f64; 2]],
+        variance: &[[f64; 2]],
+        innovations: &mut Vec<Innovation>,
+    ) {
         let windows = self.shooting.windows;
+        let window = &windows.all[number];
         let active = &windows.channels.active[MARBLE];
-        let mut innovations = Vec::new();
-        for (number, window) in windows.all.iter().enumerate() {
-            if left_out.is_some_and(|fold| self.folds[number] == fold) {
-                continue;
-            }
-            let known = &windows.known[window.marble()];
-            let observed = &windows.observed[window.marble()];
-            let predicted = found.predicted[number].iter().zip(&found.variance[number]);
-            for (row, (mean, variance)) in predicted.enumerate() {
-                for axis in (0..2).filter(|&axis| active[axis]) {
-                    if known[2 * row + axis] && variance[axis].is_finite() {
-                        innovations.push(Innovation {
-                            window: number,
-                            off: observed[2 * row + axis] - mean[axis],
-                            variance: variance[axis],
-                        });
-                    }
+        let known = &windows.known[window.marble()];
+        let observed = &windows.observed[window.marble()];
+        for (row, (mean, variance)) in predicted.iter().zip(variance).enumerate() {
+            for axis in (0..2).filter(|&axis| active[axis]) {
+                if known[2 * row + axis] && variance[axis].is_finite() {
+                    innovations.push(Innovation {
+                        window: number,
+                        off: observed[2 * row + axis] - mean[axis],
+                        variance: variance[axis],
+                    });
                 }
             }
         }
-        innovations
     }
 }
 

@@ -302,7 +302,31 @@ impl<'a> Shooting<'a> {
         work(&batch)
     }
 
-    /// Predicts each row of whole stretches from all rows before, with one noise for each trial.
+    /// Predicts each row of whole stretches from all rows before, with one noise for each trial. Calls with the numbers
+    /// of trial and stretch, the predictions and their variances; all trials have the same order of stretches.
+    pub(super) fn predict(
+        &self,
+        trials: &[&Trial],
+        noise: &[Noise],
+        mut take: impl FnMut([usize; 2], &[[f64; 2]], &[[f64; 2]]),
+    ) -> Result<()> {
+        self.with_filters(trials, noise, |filter, windows| {
+            let rows = filter.batch.rows;
+            let found = filter.run(self.problem.threads, self.cancel)?;
+            let marble = found.marble.chunks_exact(rows);
+            let of_rollouts = marble.zip(found.variance.chunks_exact(rows));
+            for (i, (marble, variance)) in of_rollouts.enumerate() {
+                take(
+                    [i / windows.len(), windows[i % windows.len()]],
+                    marble,
+                    variance,
+                );
+            }
+            Ok(())
+        })
+    }
+
+    /// As [`Shooting::predict`], with the likelihoods.
     pub(super) fn filter(&self, trials: &[&Trial], noise: &[Noise]) -> Result<Vec<Filtered>> {
         let none = || vec![Vec::new(); self.windows.all.len()];
         let empty = || Filtered {

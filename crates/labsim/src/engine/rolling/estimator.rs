@@ -260,9 +260,6 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         };
         let seconds = of_job(&length);
         let lasted = estimator.lasted(seconds, group, &length);
-        let Row {
-            remembered, kept, ..
-        } = lasted;
         let rests = estimator.resting(marbles);
         let met = estimator.grow(&lasted, tilt, rims, rests);
         estimator.start.advance(seconds);
@@ -275,11 +272,11 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         for (axis, (((place, velocity), spin), reach)) in axes.enumerate() {
             let covariance = &mut estimator.axes[axis];
             let lasting = &mut estimator.lasting[axis];
-            *lasting = *lasting * remembered;
+            *lasting = *lasting * lasted.remembered;
             // Friction holds a marble that rests.
             let pull = &mut estimator.pull[axis];
             let acts = rests.select(seconds.like(0.0), *pull);
-            *pull = *pull * kept;
+            *pull = *pull * lasted.kept;
             let (moved, faster) = (lasted.of_place * acts, lasted.of_velocity * acts);
             let seen = |lane: usize| {
                 out.get(lane)
