@@ -71,8 +71,8 @@ _DIFFERENT = re.compile(
     rb'"seconds": ?[\d.e-]+|[\d.]+ s of computing|computing time.{0,60}?[\d.]+ s|<dt>time</dt><dd>[^<]+|'
     rb"A diagnosis took [^.]+|[0-9a-f]{64}"
 )
-#: Names of files that a later run goes on from, and that no reader takes for results.
-_STATE = ("unfinished.jsonl", ".checkpoint.safetensors")
+#: Names of files that a later run goes on from, or that are kept, and that no reader takes for results.
+_STATE = ("unfinished.jsonl", ".checkpoint.safetensors", ".partial")
 
 
 @dataclass

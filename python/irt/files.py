@@ -7,6 +7,7 @@ import math
 import os
 import secrets
 import shlex
+import shutil
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -112,6 +113,29 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             beside.unlink()
+
+
+@contextmanager
+def atomic_folder(path: Path) -> Iterator[Path]:
+    """Yield a new temporary folder that replaces ``path`` when the block completes.
+
+    If the block raises, ``path`` is unchanged and the temporary folder is removed. One that a killed process
+    has left is removed by `remove_unfinished`.
+    """
+    beside = path.with_name(f".irt-{secrets.token_hex(4)}")
+    beside.mkdir()
+    try:
+        yield beside
+        shutil.rmtree(path, ignore_errors=True)
+        beside.replace(path)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def remove_unfinished(parent: Path) -> None:
+    """Remove the temporary folders of `atomic_folder` inside a folder."""
+    for beside in parent.glob(".irt-*"):
+        shutil.rmtree(beside, ignore_errors=True)
 
 
 def write_atomic(path: PathLike, data: bytes | str) -> None:

@@ -11,7 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from irt.errors import IrtError
-from irt.files import atomic_path, make_folder, read_text, read_toml, write_atomic
+from irt.files import (
+    atomic_folder,
+    atomic_path,
+    make_folder,
+    read_text,
+    read_toml,
+    remove_unfinished,
+    write_atomic,
+)
 
 NOT_ROOT = pytest.mark.skipif(
     not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere"
@@ -41,6 +49,34 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_beside_it(tmp_path: Path
         fail()
     assert path.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_folder_is_replaced_as_a_whole_or_not_at_all(tmp_path: Path) -> None:
+    folder = tmp_path / "rig"
+    folder.mkdir()
+    (folder / "old.csv").write_text("old")
+
+    def fail() -> None:
+        with atomic_folder(folder) as beside:
+            (beside / "half.csv").write_text("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert [path.name for path in tmp_path.rglob("*")] == ["rig", "old.csv"]
+    with atomic_folder(folder) as beside:
+        (beside / "new.csv").write_text("new")
+        assert (folder / "old.csv").exists()
+    assert [path.name for path in tmp_path.rglob("*")] == ["rig", "new.csv"]
+
+
+def test_folders_of_a_killed_process_are_removed(tmp_path: Path) -> None:
+    killed = atomic_folder(tmp_path / "rig")
+    beside = killed.__enter__()
+    (beside / "half.csv").write_text("half")
+    (tmp_path / "other").mkdir()
+    remove_unfinished(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["other"]
 
 
 def test_an_error_of_the_disk_names_the_file(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from irt.errors import IrtError
-from irt.files import make_folder, read_json, read_toml, write_atomic
+from irt.files import atomic_folder, make_folder, read_json, read_toml, write_atomic
 from irt.proof.blind import CODE
 from irt.proof.plan import Plan, group_of
 from irt.proof.seal import canonical, commitment, digest, digests
@@ -210,9 +210,7 @@ def _opened(label: Mapping[str, Any]) -> dict[str, bytes]:
 
 def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write files into a temporary folder beside their own, and rename it."""
-    beside = folder.with_name(f".irt-{secrets.token_hex(4)}")
-    beside.mkdir()
-    for name, data in files.items():
-        (beside / name).parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(beside / name, data)
-    beside.replace(folder)
+    with atomic_folder(folder) as beside:
+        for name, data in files.items():
+            (beside / name).parent.mkdir(parents=True, exist_ok=True)
+            write_atomic(beside / name, data)

@@ -6,7 +6,6 @@ continues.
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, closing
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from irt.errors import IrtError
-from irt.files import make_folder, write_atomic
+from irt.files import atomic_folder, make_folder, remove_unfinished, write_atomic
 from irt.proof import further
 from irt.proof.hash_chain import Places, Secret, begin, commit, release, write_folder
 from irt.proof.plan import Plan, seed_of
@@ -108,7 +107,7 @@ class Proof:
         """Make the rigs, and publish the commitments to all of them."""
         names = self.plan.names()
         for kind in ("rigs", "answers", "baselines", "further"):
-            make_folder(self.places.out / kind)
+            remove_unfinished(make_folder(self.places.out / kind))
         left = [index for index, name in enumerate(names) if not self.places.label(name).exists()]
         if self.places.commitments.exists():
             left = []
@@ -136,13 +135,11 @@ class Proof:
     def _make(self, idle: Queue[World], index: int, secret: Secret) -> None:
         """Make one rig in an idle world, and keep its label in the vault."""
         name = self.plan.names()[index]
-        folder = self.places.rig(name)
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir()
         world = idle.get()
         try:
-            asked = {**self._asked(index, secret), "folder": str(folder.resolve())}
-            label = world.ask({"make": asked})["label"]
+            with atomic_folder(self.places.rig(name)) as folder:
+                asked = {**self._asked(index, secret), "folder": str(folder.resolve())}
+                label = world.ask({"make": asked})["label"]
         finally:
             idle.put(world)
         write_atomic(self.places.label(name), canonical(label))

@@ -92,7 +92,7 @@ def prove(tmp_path: Path, hat: Callable[..., Hat]) -> Callable[..., Places]:
         return Proof(
             tmp_path / "proof",
             plan,
-            WORLD,
+            options.pop("world", WORLD),
             workers or hat(),
             options.pop("provenance", PROVENANCE),
             **options,

@@ -136,8 +136,11 @@ def test_rigs_half_made_are_made_again(prove, files, monkeypatch, tmp_path: Path
     places = Places(tmp_path / "proof")
     assert not places.commitments.exists()
     sealed = files(places.out / "vault")
-    (places.rig("rig-0003") / "train-9.csv").write_text("half")
+    half = places.rig("rig-0003").with_name(".irt-1234abcd")
+    half.mkdir()
+    (half / "train-9.csv").write_text("half")
     prove()
+    assert not half.exists()
     assert len(sealed) == 3
     assert {name: files(places.out / "vault")[name] for name in sealed} == sealed
     assert not (places.rig("rig-0003") / "train-9.csv").exists()
@@ -341,6 +344,16 @@ def test_no_key_without_all_answers(places: Places) -> None:
     with pytest.raises(IrtError, match="rig-0002: there is no answer; the key is not released"):
         release(places, names, Secret(**json.loads(places.secret.read_text())))
     assert not places.keys.exists()
+
+
+def test_a_world_that_fails_midway_leaves_no_half_written_rig(prove, tmp_path: Path) -> None:
+    half = (
+        "import json, pathlib; asked = json.loads(input())['make'];"
+        "pathlib.Path(asked['folder'], 'train-1.csv').write_text('step,'); raise SystemExit(1)"
+    )
+    with pytest.raises(IrtError, match="ended before it answered"):
+        prove(world=[sys.executable, "-c", half])
+    assert list((tmp_path / "proof" / "rigs").iterdir()) == []
 
 
 def test_a_world_that_fails_is_one_clear_line(tmp_path: Path) -> None:
