@@ -95,16 +95,21 @@ class Relevance:
 
         It is the larger increase of complete runs and of windows of `config.HORIZON_S`: in long runs, a push
         that does not repeat can hide what each window shows. Without the effect, complete runs are predicted
-        by the better of the values from the filter and from free runs, as those of a set are.
+        by the better of the values from the filter and from free runs, as those of a set are. If the values
+        from free runs are too poor even for the recordings that they were fitted to, they are not fitted
+        without each recording, which takes as many times as long.
         """
         without, full = (self.validation.of(each) for each in (self.without(one, name), one))
         windows = without.windowed - full.windowed
         if not np.isfinite(windows):
             windows = -np.inf
-        runs = without.mae - full.mae
-        matters = runs >= config.MATTERS * one.dataset.noise
-        if matters and runs > windows and not (one.is_free or _is_exact(one)):
-            runs = min(runs, self.validation.of(self._freed_without(one, name)).mae - full.mae)
+        runs, least = without.mae - full.mae, config.MATTERS * one.dataset.noise
+        if runs >= least and runs > windows and not (one.is_free or _is_exact(one)):
+            free = self._freed_without(one, name)
+            of_free = self.validation.fitted_mae(free) - full.mae
+            if of_free < least:
+                of_free = self.validation.of(free).mae - full.mae
+            runs = min(runs, of_free)
         return max(runs, windows)
 
     def _freed_without(self, one: Scored, name: str) -> Scored:

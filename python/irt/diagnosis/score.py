@@ -139,6 +139,7 @@ class Scores:
     terms: tuple[Term, ...] = ()
     known: dict[frozenset[str], Scored] = field(default_factory=dict)
     fits_of_base: list[Scored] = field(default_factory=list)
+    _shaken: set[Scored] = field(default_factory=set)
 
     @classmethod
     def of(cls, one: Scored) -> Scores:
@@ -165,17 +166,20 @@ class Scores:
             values, noises = self._starts()
             self.ascend((), values, noises, iterations=config.THOROUGH)
             self._spun(self.known[key])
-            patience = 1
-            for _ in range(config.AGAIN):
-                before = self.known[key].score
-                self._again(values, noises, self.known[key])
-                patience = 2 if self.known[key].score > before + config.SURE else patience - 1
+            patience, before = 1, None
+            for number in range(config.AGAIN):
+                now = self.known[key]
+                # From the same start states, the same starts lead to the same maxima.
+                starts = slice(0 if now is before else None)
+                self._again(values[starts], noises[starts], now, number)
+                patience = 2 if self.known[key].score > now.score + config.SURE else patience - 1
                 if patience == 0:
                     break
+                before = now
         return self.known[key]
 
-    def _again(self, values: Array, noises: Array, one: Scored) -> None:
-        """Fit a set from earlier starts and from its own values, with its start states and all pushes.
+    def _again(self, values: Array, noises: Array, one: Scored, number: int) -> None:
+        """Fit a set from earlier starts and draws of its posterior, with its start states and all pushes.
 
         Where much physics is missing, the likelihood has many local maxima, and at one with too large a push
         no effect shows in the screening. Close to a maximum there are others: on a real labyrinth starts one
@@ -184,22 +188,24 @@ class Scores:
         pushed = np.stack([self.noise(push) for push in config.PUSHES])
         self.ascend(
             one.effects,
-            np.concatenate([values, self._drawn(one, len(pushed))]),
+            np.concatenate([values, self._drawn(one, len(pushed), number)]),
             np.concatenate([noises, pushed]),
             one.top.states,
             iterations=config.THOROUGH,
         )
 
     def shaken(self, one: Scored) -> Scored:
-        """Fit a set from draws of its posterior, and return the best fit of the set."""
-        values = self._drawn(one, config.SHAKEN)
-        noise = np.tile(one.noise, (len(values), 1))
-        self.ascend(one.effects, values, noise, one.top.states, iterations=config.THOROUGH)
+        """Fit a set once from draws of its posterior, and return the best fit of the set."""
+        if one not in self._shaken:
+            self._shaken.add(one)
+            values = self._drawn(one, config.SHAKEN, 0)
+            noise = np.tile(one.noise, (len(values), 1))
+            self.ascend(one.effects, values, noise, one.top.states, iterations=config.THOROUGH)
         return self.known[frozenset(one.effects)]
 
-    def _drawn(self, one: Scored, count: int) -> Array:
+    def _drawn(self, one: Scored, count: int, number: int) -> Array:
         """Draw values of a set from the normal approximation of its posterior, (count, n)."""
-        random = np.random.default_rng([self.dataset.seed, 13])
+        random = np.random.default_rng([self.dataset.seed, 13, number])
         return one.top.values + one.top.deviations * random.standard_normal((count, len(one.names)))
 
     def _spun(self, one: Scored) -> None:

@@ -113,8 +113,9 @@ class Selection:
     report: Report
     validation: Validation = field(default_factory=Validation)
     _without: dict[tuple[frozenset[str], str, float], Scored] = field(default_factory=dict)
-    #: Sets that were fitted from least squares.
-    _thorough: set[frozenset[str]] = field(default_factory=set)
+    #: Sets that were fitted from least squares, and fits from which thorough ones began.
+    _from_free_runs: set[frozenset[str]] = field(default_factory=set)
+    _thorough: set[Scored] = field(default_factory=set)
 
     def run(self) -> Posterior:
         """Add the effect with the largest gain, drop superfluous effects, then try replacements of each.
@@ -310,9 +311,12 @@ class Selection:
         Free runs are sensitive to a sticking marble, which a filter that corrects every row may miss.
         """
         key = frozenset(one.effects)
+        if one in self._thorough:
+            return self.scores.known[key]
+        self._thorough.add(one)
         values, noise = [one.top.values] * 2, [one.noise, *quiet(one.noise[None])]
-        if key not in self._thorough:
-            self._thorough.add(key)
+        if key not in self._from_free_runs:
+            self._from_free_runs.add(key)
             values.append(self.scores.least_squares(one))
             noise.append(noise[1])
         self.scores.ascend(

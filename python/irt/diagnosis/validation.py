@@ -114,6 +114,13 @@ class Validation:
     """Cache of the cross-validations of sets of effects."""
 
     _known: dict[Scored, HeldOut] = field(default_factory=dict)
+    _fitted: dict[Scored, float] = field(default_factory=dict)
+
+    def fitted_mae(self, one: Scored) -> float:
+        """Return the mean absolute error of a set on the recordings that it was fitted to [board edges]."""
+        if one not in self._fitted:
+            self._fitted[one] = float(np.mean([each.mae for each in _of_fit(one)]))
+        return self._fitted[one]
 
     def of(self, one: Scored) -> HeldOut:
         """Return the cross-validation of a set."""
@@ -170,8 +177,7 @@ def _held_out(one: Scored) -> HeldOut:
     dataset = one.dataset
     folds = np.unique(dataset.folds)
     if len(folds) < 2:
-        runs = tuple(_predicted(dataset, one.values, one.effects, each) for each in dataset.rig.recordings)
-        return HeldOut(np.zeros((0, len(one.names))), runs, np.zeros(0), ())
+        return HeldOut(np.zeros((0, len(one.names))), _of_fit(one), np.zeros(0), ())
     fits = tuple(_fitted_without(one, folds))
     found = {int(fold): each for fold, each in zip(folds, fits, strict=True)}
     runs = tuple(
@@ -180,6 +186,12 @@ def _held_out(one: Scored) -> HeldOut:
     )
     scores = [np.nan if one.is_free else each.score for each in fits]
     return HeldOut(np.array([list(each.values.values()) for each in fits]), runs, np.array(scores), fits)
+
+
+def _of_fit(one: Scored) -> tuple[Held, ...]:
+    """Predict each recording by the fit to all of them."""
+    dataset = one.dataset
+    return tuple(_predicted(dataset, one.values, one.effects, each) for each in dataset.rig.recordings)
 
 
 def _fitted_without(one: Scored, folds: NDArray[np.int64]) -> list[Scored]:

@@ -40,6 +40,8 @@ const TRIED: [(f64, f64, f64); 5] = [
     (0.1, 1.0, 0.0),
     (0.1, 0.0, 1.0),
 ];
+/// Factor of the dampings after a step in which none has helped: the next ones begin where these end.
+const RAISED: f64 = 1e4;
 /// Derivatives are carried along a step that gains at least this share of what they promise.
 const FOLLOWED: f64 = 0.5;
 /// Prior of the logarithm of a size: a standard deviation of ten, which keeps sizes without influence in place.
@@ -197,7 +199,7 @@ impl<'a> Hill<'a> {
                 ascent.look = Look::Needed;
             } else {
                 let ends = gain > 0.0 || ascent.damping > 0.1;
-                ascent.damping *= 10.0;
+                ascent.damping *= RAISED;
                 ascent.gain = if ends { 0.0 } else { f64::INFINITY };
             }
             if !settled[number] {
