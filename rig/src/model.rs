@@ -95,7 +95,7 @@ impl Model {
                 "wall_friction" => &mut rig.board.wall_friction,
                 "sliding_friction" => &mut rig.board.sliding_friction,
                 "spinning_friction" => &mut rig.board.spinning_friction,
-                _ => return Err(format!("board: unknown key '{key}'")),
+                _ => return Err(unknown("board: unknown key", key)),
             } = within("board", key, value, [0.0, 1000.0])?;
         }
         for (key, &value) in &file.marble {
@@ -103,7 +103,7 @@ impl Model {
                 "radius_m" => &mut rig.marble.radius_m,
                 "mass_kg" => &mut rig.marble.mass_kg,
                 "damping_per_s" => &mut rig.marble.damping_per_s,
-                _ => return Err(format!("marble: unknown key '{key}'")),
+                _ => return Err(unknown("marble: unknown key", key)),
             } = within("marble", key, value, [0.0, 1000.0])?;
         }
         let parameter = |name: &str, bounds: [f64; 2]| {
@@ -219,6 +219,11 @@ fn within(
     ))
 }
 
+/// A message about a key that may have line breaks, on one line.
+fn unknown(what: &str, key: &str) -> String {
+    format!("{what} '{}'", key.escape_debug())
+}
+
 fn read_effect(
     table: &BTreeMap<String, toml::Value>,
 ) -> std::result::Result<(&'static EffectSpec, Vec<f64>), String> {
@@ -230,14 +235,17 @@ fn read_effect(
     let mut values = about.neutral();
     for (key, value) in table.iter().filter(|(key, _)| *key != "name") {
         let place = about.parameters.iter().position(|one| one.name == key);
-        let place = place.ok_or(format!("effects, {name}: unknown parameter '{key}'"))?;
+        let place =
+            place.ok_or_else(|| unknown(&format!("effects, {name}: unknown parameter"), key))?;
         let table = value.get("value").unwrap_or(value);
         let number = table
             .as_float()
             .or_else(|| table.as_integer().map(|whole| whole as f64));
-        values[place] = number.ok_or(format!(
-            "effects, {name}, {key}: expected a number, found {table}"
-        ))?;
+        values[place] = number.ok_or_else(|| {
+            // TOML writes a text that has line breaks on several lines.
+            let found = table.to_string().replace('\n', "\\n");
+            format!("effects, {name}, {key}: expected a number, found {found}")
+        })?;
     }
     Ok((about, values))
 }
@@ -278,6 +286,32 @@ pub mod tests {
         }
         assert_eq!(live.fall().map(|fall| fall.hole), Some(0));
         assert!(live.seen()[0].is_nan());
+    }
+
+    #[test]
+    fn names_with_line_breaks_were_refused_on_several_lines() {
+        let effect = "[[effects]]\nname = \"backlash\"\n";
+        let board = PLAIN.replace("edge_x_m", "\"edge\\nx\"");
+        let marble = format!("{PLAIN}[marble]\n\"radius\\nm\" = 0.01\n");
+        for (text, said) in [
+            (
+                format!("{PLAIN}[[effects]]\nname = \"back\\nlash\"\n"),
+                "unknown effect 'back\\nlash'",
+            ),
+            (
+                format!("{PLAIN}{effect}\"width\\nx\" = 1\n"),
+                "unknown parameter 'width\\nx'",
+            ),
+            (
+                format!("{PLAIN}{effect}width_x_rad = \"0\\n1\"\n"),
+                "found \"\"\"\\n0\\n1\"\"\"",
+            ),
+            (board, "board: unknown key 'edge\\nx'"),
+            (marble, "marble: unknown key 'radius\\nm'"),
+        ] {
+            let error = Model::parse(&text).expect_err(said);
+            assert!(error.contains(said) && !error.contains('\n'), "{error}");
+        }
     }
 
     #[test]

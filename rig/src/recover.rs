@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use mcap::Attachment;
-use mcap::read::{LinearReader, Options};
-use mcap::records::{MessageHeader, Record};
+use mcap::records::{MessageHeader, Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{Attachment, McapError, McapResult, parse_record};
 
 use crate::error::{Error, Result};
 use crate::recorder;
@@ -74,8 +74,6 @@ fn copy(bytes: &[u8], to: &Path) -> std::result::Result<Copied, String> {
     if !bytes.starts_with(mcap::MAGIC) {
         return Err("is no bag: it does not begin like an MCAP file".to_owned());
     }
-    let records = LinearReader::new_with_options(bytes, Options::IgnoreEndMagic.into())
-        .map_err(|error| format!("is no bag: {}", recorder::said(&error)))?;
     let file = File::create_new(to)
         .map_err(|error| format!("cannot be recovered to {}: {error}", to.display()))?;
     let mut copy = Copy {
@@ -89,18 +87,15 @@ fn copy(bytes: &[u8], to: &Path) -> std::result::Result<Copied, String> {
             was_whole: false,
         },
     };
-    for record in records {
-        // Data after a truncated record is lost.
-        let Ok(record) = record else { break };
+    // Data after a truncated record is lost.
+    for record in Records::after_magic(&bytes[mcap::MAGIC.len()..]).map_while(McapResult::ok) {
         match record {
             Record::Chunk { header, data } => {
                 // Bags of a rig are not compressed.
                 if !header.compression.is_empty() {
                     break;
                 }
-                // A reader with a limit to lengths: `ChunkReader` adds to one near 2^64, and overflows.
-                let chunk = LinearReader::sans_magic(&data);
-                for record in chunk.map_while(mcap::McapResult::ok) {
+                for record in Records::after_magic(&data).map_while(McapResult::ok) {
                     copy.take(record).map_err(|error| recorder::said(&error))?;
                 }
             }
@@ -114,6 +109,64 @@ fn copy(bytes: &[u8], to: &Path) -> std::result::Result<Copied, String> {
     Ok(copy.copied)
 }
 
+/// The records of a bag or of a chunk. The library's own readers in memory panic on attachments without a checksum.
+struct Records<'a> {
+    unread: &'a [u8],
+    reader: LinearReader,
+}
+
+impl<'a> Records<'a> {
+    /// Of bytes without magic at their begin; it may be missing at their end.
+    fn after_magic(bytes: &'a [u8]) -> Self {
+        Self {
+            unread: bytes,
+            reader: LinearReader::new_with_options(
+                LinearReaderOptions::default()
+                    // Without a limit, a sum with a length near 2^64 overflows.
+                    .with_record_length_limit(bytes.len())
+                    .with_skip_start_magic(true)
+                    .with_skip_end_magic(true)
+                    .with_emit_chunks(true),
+            ),
+        }
+    }
+}
+
+impl Iterator for Records<'_> {
+    type Item = McapResult<Record<'static>>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            match self.reader.next_event()? {
+                Ok(LinearReadEvent::ReadRequest(wanted)) => {
+                    let (part, rest) = self.unread.split_at(wanted.min(self.unread.len()));
+                    self.reader.insert(part.len()).copy_from_slice(part);
+                    self.reader.notify_read(part.len());
+                    self.unread = rest;
+                }
+                Ok(LinearReadEvent::Record { opcode, data }) => {
+                    if opcode == op::ATTACHMENT && !is_long_enough(data) {
+                        return Some(Err(McapError::UnexpectedEof));
+                    }
+                    return Some(parse_record(opcode, data).map(Record::into_owned));
+                }
+                Err(error) => return Some(Err(error)),
+            }
+        }
+    }
+}
+
+/// Whether an attachment has a checksum (4 bytes) behind its header: two times and the data's length (8 bytes each), and two
+/// strings with their lengths (4 bytes). `parse_record` takes that for granted.
+fn is_long_enough(attachment: &[u8]) -> bool {
+    let string = |at: usize| {
+        let length = attachment.get(at..)?.first_chunk()?;
+        (at + 4).checked_add(u32::from_le_bytes(*length) as usize)
+    };
+    let strings = string(16).and_then(string);
+    strings.is_some_and(|end| end.saturating_add(8 + 4) <= attachment.len())
+}
+
 struct Copy {
     writer: mcap::Writer<std::io::BufWriter<File>>,
     schemas: BTreeMap<u16, u16>,
@@ -122,7 +175,7 @@ struct Copy {
 }
 
 impl Copy {
-    fn take(&mut self, record: Record<'_>) -> mcap::McapResult<()> {
+    fn take(&mut self, record: Record<'_>) -> McapResult<()> {
         match record {
             Record::Schema { header, data } => {
                 let id = self
@@ -247,6 +300,32 @@ mod tests {
         fs::write(&path, bytes).expect("it can be written");
         let found = recover(&path, None).expect("the rest can be read");
         assert_eq!(found.messages, 0);
+    }
+
+    #[test]
+    fn an_attachment_without_place_for_its_checksum_was_a_panic() {
+        let folder = Folder::new("attachment");
+        let (path, bytes) = recorded(&folder, 100);
+        let name = bytes
+            .windows(8)
+            .position(|part| part == b"rig.toml")
+            .expect("the attachment is named");
+        // Opcode, length of the record, and two times are before the name's length.
+        let begin = name - 4 - 16 - 8 - 1;
+        assert_eq!(bytes[begin], op::ATTACHMENT);
+        let length = u64::from_le_bytes(*bytes[begin + 1..].first_chunk().expect("it is whole"));
+        // The name reaches to 8 + 4 + `behind` bytes from the record's end, so that only these follow the header.
+        for behind in 0..4 {
+            let mut changed = bytes.clone();
+            let long = u32::try_from(length - 16 - 4 - 4 - 8 - behind).expect("it is short");
+            changed[name - 4..name].copy_from_slice(&long.to_le_bytes());
+            let media = name + long as usize;
+            changed[media..media + 4].copy_from_slice(&[0; 4]);
+            fs::write(&path, &changed).expect("it can be written");
+            let out = folder.0.join(format!("out-{behind}.mcap"));
+            let found = recover(&path, Some(&out)).expect("it begins like a bag");
+            assert!(!found.was_whole, "{behind}");
+        }
     }
 
     #[test]

@@ -34,7 +34,7 @@ NASTY = (
     *("[]", "{}", "[[]]", "[nan]", "[1e308, -1e308]", "{ value = nan }", "{ range = [0, 0] }"),
     *("1979-05-27", "07:32:00", "a.b.c", "[a]", "[[a]]", "{" * 2000, "[" * 2000, '{"a":' * 1500),
     *('{"array": "AAAA", "dtype": "<f8", "shape": [1]}', '{"array": 1}', '{"array": "AAAA", "dtype": "O"}'),
-    *("x" * 70, "🦀" * 30),
+    *("x" * 70, "🦀" * 30, "\\n"),
 )
 #: Numbers that a reader may well take, in place of another number.
 _NUMBERS = (

@@ -19,7 +19,7 @@ pub enum Error {
         got: String,
     },
     /// A name that the engine does not know.
-    #[error("unknown {kind} '{name}' (possible: {possible})")]
+    #[error("unknown {kind} '{}' (possible: {possible})", .name.escape_debug())]
     Unknown {
         /// Engine, parameter, effect.
         kind: &'static str,

@@ -169,7 +169,7 @@ impl Mistakes {
         self.unless(
             is_full,
             key,
-            format!("expected a full name such as /marble/position, found \"{name}\""),
+            format!("expected a full name such as /marble/position, found {name:?}"),
         );
     }
 
@@ -252,6 +252,11 @@ pub mod tests {
                 "\"/right/joint_states\"",
                 "\"joint states\"",
                 "arms.y.joint_states",
+            ),
+            (
+                "\"/left/joint_states\"",
+                "\"/le\\nft\"",
+                "arms.x.joint_states",
             ),
             ("tracker_s = 0.3", "tracker_s = 60.0", "timeouts.tracker_s"),
             (

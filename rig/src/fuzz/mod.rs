@@ -24,7 +24,7 @@ const ROUND: u32 = 10_000;
 const MOST_KB: u64 = 512 * 1024;
 
 /// What stands for a number or a name of a text in its place.
-const NASTY: [&str; 36] = [
+const NASTY: [&str; 37] = [
     "nan",
     "-nan",
     "inf",
@@ -54,6 +54,7 @@ const NASTY: [&str; 36] = [
     "\u{feff}",
     "\0",
     "\n",
+    "\\n",
     "\r",
     "[]",
     "{}",

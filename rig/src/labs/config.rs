@@ -103,7 +103,7 @@ impl Setup {
         }
         if !kind.is_empty() && !ARMS.contains(&kind.as_str()) {
             return Err(Error::refused(format!(
-                "{}, backend.kind: expected {} or {}, found \"{kind}\"",
+                "{}, backend.kind: expected {} or {}, found {kind:?}",
                 path.display(),
                 ARMS.join(", "),
                 LABS.join(", ")

@@ -207,7 +207,11 @@ fn way(message: &JointTrajectory, joint: &str, now: f64, angle: f64) -> Option<P
 fn along(points: &[(f64, f64)], now: f64) -> f64 {
     let after = points.partition_point(|&(at, _)| at <= now);
     match (points.get(after.wrapping_sub(1)), points.get(after)) {
-        (Some(&(t0, a0)), Some(&(t1, a1))) => a0 + (a1 - a0) * (now - t0) / (t1 - t0),
+        (Some(&(t0, a0)), Some(&(t1, a1))) => {
+            let part = (now - t0) / (t1 - t0);
+            // The difference of two angles may be infinite, and no number once it is multiplied by 0.
+            a0 + (part * a1 - part * a0)
+        }
         (None, Some(&(_, angle))) | (Some(&(_, angle)), None) => angle,
         (None, None) => 0.0,
     }
@@ -253,6 +257,15 @@ mod tests {
         let points = [(1.0, 0.0), (2.0, 0.1), (4.0, -0.1)];
         let found = [0.5, 1.5, 3.0, 9.0].map(|now| along(&points, now));
         assert_eq!(found, [0.0, 0.05, 0.0, -0.1]);
+    }
+
+    #[test]
+    fn angles_whose_difference_overflows_left_the_joint_without_an_angle_for_ever() {
+        let points = [(1.0, f64::MIN), (2.0, f64::MAX)];
+        for (now, sign) in [(1.0, -1.0), (1.25, -1.0), (1.75, 1.0), (2.0, 1.0)] {
+            assert_eq!(along(&points, now).signum(), sign, "{now} s");
+        }
+        assert_eq!(along(&points, 1.5), 0.0);
     }
 
     #[test]
