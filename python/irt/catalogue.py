@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,9 @@ from irt import _labsim, arguments
 from irt.errors import IrtError, unknown_name
 
 Array = npt.NDArray[np.float64]
+
+#: Power of the angle in the units of parameters at the knob.
+_POWERS_OF_RAD = {"rad": 1, "rad/s": 1, "1/rad²": -2}
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,18 @@ class EffectParameter:
     def drawn(self, random: np.random.Generator) -> float:
         """Draw uniformly from the search range, or one of the values of a choice."""
         return float(random.choice(self.choices) if self.is_choice else random.uniform(self.low, self.high))
+
+    def in_unit(self, unit: str, rad: float) -> EffectParameter:
+        """Return the parameter with angles in another unit of `rad` radians, and the same allowed numbers."""
+        factor = rad ** -_POWERS_OF_RAD.get(self.unit, 0)
+        return replace(
+            self,
+            unit=self.unit.replace("rad", unit),
+            low=factor * self.low,
+            high=factor * self.high,
+            neutral=factor * self.neutral,
+            reach=(factor * self.reach[0], factor * self.reach[1]),
+        )
 
     @property
     def searched(self) -> str:
@@ -131,9 +146,15 @@ class EffectInfo:
         return self.used(())
 
     @property
-    def is_at_knob_angles(self) -> bool:
-        """Whether a fit searches it at angles of the knob."""
-        return self.stage == "actuation" and any("rad" in one.unit for one in self.required)
+    def units(self) -> dict[str, str]:
+        """The units of the parameters by name."""
+        return {one.name: one.unit for one in self.parameters}
+
+    def in_unit(self, unit: str, rad: float) -> EffectInfo:
+        """Return the effect with angles of the knob in another unit of `rad` radians."""
+        if self.stage != "actuation":
+            return self
+        return replace(self, parameters=tuple(one.in_unit(unit, rad) for one in self.parameters))
 
     def used(self, named: Container[str]) -> tuple[EffectParameter, ...]:
         """Return the parameters of a fit: all that are not optional, and those that are named."""

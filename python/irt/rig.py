@@ -57,7 +57,10 @@ Start = Literal["rest", "moving"]
 MOST_ROWS = 10_000
 
 #: Tilt at which a labyrinth's board meets its stops [rad]: 8 degrees.
-_STOPS_RAD = 0.14
+STOPS_RAD = 0.14
+#: Largest angle of the knob in recordings for which the catalogue's ranges are made [rad]. A command in
+#: another unit counts as this angle if the largest gear brings the board to its stops by it.
+KNOB_RAD = 0.2
 
 #: Lowest and highest value that a parameter may have at all, far beyond any rig.
 _BOUNDS = {
@@ -218,12 +221,6 @@ class Rig:
             f"{self.path}: its [maze] has walls or holes, and fits know the bare board alone; fit recordings "
             "in which the marble meets neither, without [maze], and put [maze] into the model.toml found"
         )
-
-    @property
-    def has_knob_angles(self) -> bool:
-        """Whether commands are angles of the knob, by their unit or by their size."""
-        largest = max(float(np.abs(one.knobs).max()) for one in self.recordings)
-        return self.commands.unit == "rad" or largest <= np.pi
 
     @property
     def rows(self) -> int:
@@ -472,14 +469,19 @@ def _read_ranges(section: TomlTable) -> dict[str, tuple[float, float]]:
 
 
 def default_ranges(recordings: Sequence[Recording]) -> dict[str, tuple[float, float]]:
-    """Return the paper's ranges; for commands in the rig's own unit gears of either sign, up to the stops."""
+    """Return the paper's ranges; for commands in the rig's own unit gears of either sign, up to the stops.
+
+    Rolling friction then has as large a range, compared with the largest tilt, as for knob angles.
+    """
     ranges = dict(RANGES)
     if recordings[0].columns == CMD:
         largest = max(float(np.abs(one.knobs).max()) for one in recordings)
         # Of commands that hardly move, any gear that a parameter may have.
         _, highest = _BOUNDS["gear_x"]
-        steepest = min(_STOPS_RAD / largest, highest) if largest > 0.0 else highest
+        steepest = min(STOPS_RAD / largest, highest) if largest > 0.0 else highest
         ranges["gear_x"] = ranges["gear_y"] = (-steepest, steepest)
+        low, high = RANGES["rolling_friction"]
+        ranges["rolling_friction"] = (low, high * STOPS_RAD / (RANGES["gear_x"][1] * KNOB_RAD))
     return ranges
 
 

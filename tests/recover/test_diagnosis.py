@@ -10,7 +10,8 @@ import irt
 from irt.diagnosis import config
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.score import Scores
-from irt.recording import Recording
+from irt.dimensions import Commands
+from irt.recording import CMD, Recording
 from irt.rig import RANGES, Board, Marble, Rig
 
 TRUTH = (0.06, 0.05, 4e-4, 15.0, 1.03)
@@ -56,6 +57,33 @@ def test_one_effect_is_named_and_modelled(name, values, engine):
     assert name in names(found)[0]
     assert found.final_heldout_mae < 4.0 * FLOOR
     assert found.final_heldout_mae < 0.6 * found.base_heldout_mae
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "values", "power"),
+    [
+        ("dead_band", {"half_width_rad": 0.02}, 1),
+        ("backlash", {"width_x_rad": 0.03, "width_y_rad": 0.05}, 1),
+        ("gear_nonlinearity", {"cubic_per_rad2": 40.0}, -2),
+    ],
+)
+def test_effects_at_the_knob_are_found_in_the_unit_of_the_commands(name, values, power):
+    """Commands in microseconds of pulse width, one of them the other way around."""
+    rig, per_rad = hidden({"name": name, **values}), 900.0
+    stamps = TRUTH[3] / 240.0 * np.arange(90)
+    runs = [
+        replace(one, knobs=per_rad * one.knobs * [1.0, -1.0], columns=CMD, stamps=stamps)
+        for one in rig.recordings
+    ]
+    found = irt.diagnose(Rig.from_recordings(runs, commands=Commands("us")))
+    (effect,) = found.effects
+    assert name in {effect.name, *effect.confusable_with}
+    if effect.name == name:
+        for key, value in values.items():
+            assert effect.parameters[key].value == pytest.approx(value * per_rad**power, rel=0.1)
+            assert "us" in effect.units[key]
+    assert found.final_heldout_mae < 4.0 * FLOOR
 
 
 @pytest.mark.slow

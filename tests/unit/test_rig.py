@@ -226,6 +226,8 @@ class TestSignals:
         rig = load_rig(tmp_path)
         assert rig.ranges["gear_x"] == pytest.approx((-0.14 / 200.0, 0.14 / 200.0))
         assert rig.ranges["gear_y"] == (0.0, 1.0)
+        # As large, compared with the largest tilt, as for knobs that turn by 0.2 rad with a gear of 0.1.
+        assert rig.ranges["rolling_friction"] == pytest.approx((0.0, 0.001 * 0.14 / (0.1 * 0.2)))
         save_recording(tmp_path / "run.csv", commands / 1e6, RUN[1], columns=CMD)
         assert load_rig(tmp_path).ranges["gear_x"] == (-100.0, 100.0)
         in_memory = Rig.from_recordings(rig.recordings, commands=rig.commands)

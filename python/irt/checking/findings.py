@@ -96,7 +96,6 @@ def run_findings(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
         if wrong:
             yield Finding(severity, what, names(wrong), advice)  # type: ignore[arg-type]
     yield from _idle(runs)
-    yield from _own_unit(rig, runs)
     yield from _moving_start(rig, runs)
     yield from _rates(runs)
 
@@ -119,19 +118,6 @@ def _idle(runs: Sequence[RunFacts]) -> Iterator[Finding]:
         else:
             advice = "its effect cannot be identified; move it if the rig can"
         yield Finding("note", "never changes in any run", column, advice)
-
-
-def _own_unit(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
-    """Yield a note if commands in the rig's own unit are no angles by their size."""
-    if not rig.has_knob_angles:
-        largest = max(abs(end) for run in runs for ends in run.command_range for end in ends)
-        yield Finding(
-            "note",
-            f"commands reach {largest:.3g} {rig.commands.unit}, but backlash, dead bands and other effects "
-            "at the knob are searched for at angles [rad], so a diagnosis does not find them",
-            " and ".join(rig.recordings[0].columns),
-            "if the commands set angles, multiply them by the radians of a unit",
-        )
 
 
 def _moving_start(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:

@@ -23,7 +23,7 @@ from irt.display import in_rows
 from irt.engine import SUBSTEP_S
 from irt.fitting.effect_size import size_of, strong_values, try_path
 from irt.fitting.information import Information
-from irt.fitting.problem import Problem
+from irt.fitting.problem import Problem, in_unit_of
 from irt.fitting.sentences import unidentifiable
 from irt.model import Model
 from irt.recording import MARBLE
@@ -110,8 +110,7 @@ def identify(
         effects=tuple(
             shown
             for info in hypothetical()
-            if rig.has_knob_angles or not info.is_at_knob_angles
-            for one in _of_effect(linear, info)
+            for one in _of_effect(linear, in_unit_of(rig, info))
             if (shown := one if time_scale is not None else _without_time(one, values[_TIME] * SUBSTEP_S))
         ),
     )

@@ -249,6 +249,7 @@ def _finite(value: float) -> float | None:
 def _table(result: FitResult, before: Evaluation, after: Evaluation, row_s: float | None) -> Iterator[str]:
     """Yield the lines of the printed table; `row_s` as in `parameter_line`."""
     from irt.catalogue import effect
+    from irt.fitting.problem import in_unit_of
     from irt.report.words import with_interval
 
     yield "parameter           value  (95 % interval)"
@@ -257,7 +258,7 @@ def _table(result: FitResult, before: Evaluation, after: Evaluation, row_s: floa
         yield f"{name:<18}  {with_interval(parameter)}{unit}"
     for name, of_effect in result.effects.items():
         yield name
-        for known in effect(name).parameters:
+        for known in in_unit_of(result.model, effect(name)).parameters:
             if known.name in of_effect:
                 label, value = parameter_line(known.name, of_effect[known.name], known.unit, row_s)
                 yield f"  {label:<16}  {value}"

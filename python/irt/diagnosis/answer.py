@@ -36,7 +36,6 @@ from irt.diagnosis.result import (
     RunProof,
     Share,
     Verdict,
-    units,
 )
 from irt.diagnosis.score import LASTING, RESTITUTION, WHITE, Scored, Scores
 from irt.diagnosis.selection import Posterior, probabilities
@@ -44,6 +43,7 @@ from irt.diagnosis.sessions import Difference, differences, sentences
 from irt.diagnosis.ties import Tie, reason, ties
 from irt.diagnosis.validation import HeldOut
 from irt.engine import SUBSTEP_S
+from irt.fitting.problem import in_unit_of
 from irt.model import Model, Parameter
 from irt.recording import Recording
 from irt.residual import evaluate
@@ -247,7 +247,7 @@ class Answer:
         return nested([best, *less, *(one.scored for one in tied), *likely], self._relevance.validation)
 
     def _named(self, name: str, tied: list[Tie], again: Nested | None) -> NamedEffect:
-        own = f"{name}."
+        own, info = f"{name}.", in_unit_of(self._dataset.rig, effect(name))
         found = {key.removeprefix(own): one for key, one in self._parameters.items() if key.startswith(own)}
         if name == JITTER:
             found["mean_s"] = self._mean_delay()
@@ -256,9 +256,9 @@ class Answer:
         chance = 1.0 if name == UNLISTED else self._posterior.any_of(alike)
         return NamedEffect(
             name=name,
-            stage=effect(name).stage,
+            stage=info.stage,
             parameters=found,
-            units={"sd_s": "s", "mean_s": "s"} if name == JITTER else units(name),
+            units={"sd_s": "s", "mean_s": "s"} if name == JITTER else info.units,
             heldout_mae_without=self._without(name).mae if self._proof.is_proof else float("nan"),
             heldout_mae_with=self._proof.mae if self._proof.is_proof else float("nan"),
             confusable_with=tuple(one.instead for one in tied),

@@ -8,13 +8,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import EffectParameter, effect
+from irt.catalogue import EffectInfo, EffectParameter, effect
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import JITTER, hypotheses
 from irt.diagnosis.result import Power
 from irt.diagnosis.score import Scored, Scores
 from irt.diagnosis.screening import Screening
 from irt.fitting.effect_size import size_of
+from irt.fitting.problem import in_unit_of
 
 Array = NDArray[np.float64]
 
@@ -35,14 +36,14 @@ def detectability(scores: Scores, base: Scored) -> list[Power]:
         one
         for name in hypotheses(rig.start)
         if name != JITTER and not effect(name).shrunk
-        # No size in radians says anything about commands in another unit.
-        if rig.has_knob_angles or not effect(name).is_at_knob_angles
-        for one in _of(screening, name, scores.price([name]) + config.SURE, scores.dataset.seed)
+        for one in _of(
+            screening, in_unit_of(rig, effect(name)), scores.price([name]) + config.SURE, scores.dataset.seed
+        )
     ]
 
 
-def _of(screening: Screening, name: str, needed: float, seed: int) -> Iterator[Power]:
-    parameters = effect(name).required
+def _of(screening: Screening, info: EffectInfo, needed: float, seed: int) -> Iterator[Power]:
+    parameters, name = info.required, info.name
     size = size_of(name)
     for index in range(len(parameters)) if size is None else (size,):
         one = parameters[index]

@@ -13,6 +13,7 @@ along this symmetry.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -21,12 +22,13 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 from scipy.stats import norm
 
-from irt.catalogue import effect
+from irt.catalogue import EffectInfo, effect
 from irt.diagnosis import config
 from irt.diagnosis.dataset import Dataset, Fitted
 from irt.diagnosis.hypotheses import JITTER
 from irt.diagnosis.score import KICK, Scored, Scores
 from irt.diagnosis.validation import HeldOut
+from irt.engine import SUBSTEP_S
 from irt.fitting.effect_size import size_of, sizes_of
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import CONFIDENCE, FLAT, Information
@@ -241,35 +243,38 @@ def _spread(one: Scored, time_scale: Parameter) -> Parameter:
     return Parameter(size, low, high)
 
 
-def is_named(name: str, found: dict[str, Parameter]) -> bool:
+def is_named(info: EffectInfo, found: dict[str, Parameter]) -> bool:
     """Whether an effect is distinct from its absence: delay jitter by its spread, others by their size.
 
+    A simulator in which commands take effect at its next step has a spread of that step, by nature. Delay
+    jitter must exceed it.
     It must also be distinct from other effects, by the width or speed on which it acts. Rebounds from the rim
     differ between engines, and between any engine and a rig. A law of impacts must exceed these differences.
     """
+    name = info.name
     if name == JITTER:
         low = found[f"{JITTER}.sd_s"].low
-        return low is not None and low > 0.0
-    if may_be_absent(name, found) or not _is_plausible(name, found):
+        return low is not None and low > SUBSTEP_S / math.sqrt(12.0)
+    if may_be_absent(name, found) or not _is_plausible(info, found):
         return False
-    if not effect(name).of_rims:
+    if not info.of_rims:
         return True
     return any(
         abs(found[f"{name}.{law.name}"].value - law.neutral) > config.LEAST_OF_IMPACTS * (law.high - law.low)
-        for law in effect(name).required
+        for law in info.required
     )
 
 
-def _is_plausible(name: str, found: dict[str, Parameter]) -> bool:
+def _is_plausible(info: EffectInfo, found: dict[str, Parameter]) -> bool:
     """Whether the width or speed on which an effect acts is in its range; the size itself may be larger.
 
     Beyond that range it describes another effect: Stribeck friction at the lowest speeds is static friction,
     and a very wide bump is a tilt of the board.
     """
-    size = size_of(name)
+    size = size_of(info.name)
     scales = [
         one
-        for index, one in enumerate(effect(name).required)
+        for index, one in enumerate(info.required)
         if size is not None and index != size and one.low > 0.0 and not one.is_choice
     ]
-    return all(one.low <= found[f"{name}.{one.name}"].value <= one.high for one in scales)
+    return all(one.low <= found[f"{info.name}.{one.name}"].value <= one.high for one in scales)

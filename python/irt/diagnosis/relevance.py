@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from irt.catalogue import effect
 from irt.diagnosis import config, intervals
 from irt.diagnosis.hypotheses import JITTER, group_of
 from irt.diagnosis.result import UNLISTED
@@ -15,6 +16,7 @@ from irt.diagnosis.score import Scored, Scores
 from irt.diagnosis.selection import Posterior, Selection
 from irt.diagnosis.ties import Tie, exchanged
 from irt.diagnosis.validation import Validation
+from irt.fitting.problem import in_unit_of
 from irt.model import Parameter
 
 #: Parameters of a set with 95 % intervals, and sentences on unidentifiable combinations.
@@ -123,11 +125,13 @@ class Relevance:
         """Whether an effect matters to predictions of held-out recordings.
 
         Delay jitter does not improve predictions, so only its likelihood counts. It must be finite: the
-        spread must be compatible with the mean, also for values from free runs.
+        spread must be compatible with the mean, also for values from free runs. And held-out recordings
+        must agree on it.
         """
-        if name == JITTER:
-            return math.isfinite(one.score)
         noise, without = one.dataset.noise, self.without(one, name)
+        if name == JITTER:
+            agrees = self.validation.is_likelier(one, without) or not self.validation.of(one).is_proof
+            return math.isfinite(one.score) and agrees
         if self.loss(one, name) >= config.MATTERS * noise:
             return True
         if not self.validation.is_likelier(one, without):
@@ -171,7 +175,8 @@ class Relevance:
         found, _ = self.parameters(one)
         losses = {name: self.loss(one, name) for name in one.effects}
         for name in sorted(losses, key=lambda name: losses[name]):
-            matters = self._is_needed(one, name) and intervals.is_named(name, found)
+            info = in_unit_of(one.dataset.rig, effect(name))
+            matters = self._is_needed(one, name) and intervals.is_named(info, found)
             if not (matters and self._is_probable(name)):
                 return name, matters
         return None

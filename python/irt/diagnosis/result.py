@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt import display
-from irt.catalogue import effect
 from irt.diagnosis.sessions import Difference
 from irt.model import Model, Parameter
 
@@ -430,11 +429,6 @@ class Diagnosis:
             "settings": {**self.settings, "seed": self.seed, "seconds": self.seconds},
         }
         return {name: _finite(value) for name, value in content.items()}
-
-
-def units(name: str) -> dict[str, str]:
-    """Return the unit of each parameter of an effect of the catalogue."""
-    return {parameter.name: parameter.unit for parameter in effect(name).parameters}
 
 
 def _effect(one: NamedEffect) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -164,7 +165,14 @@ class Scores:
         key: frozenset[str] = frozenset()
         if key not in self.known:
             values, noises = self._starts()
-            self.ascend((), values, noises, iterations=config.THOROUGH)
+            for signs in self._signs():
+                self.ascend((), values * signs, noises, iterations=config.THOROUGH)
+            gears = self.known[key].top.values[:2]
+            values[:, :2] = np.copysign(values[:, :2], gears)
+            # Between gears of different signs lies a board that does not move.
+            self.fits_of_base = [
+                one for one in self.fits_of_base if (one.top.values[:2] * gears >= 0.0).all()
+            ]
             self._spun(self.known[key])
             patience, before = 1, None
             for number in range(config.AGAIN):
@@ -222,6 +230,15 @@ class Scores:
         if set(effects) & TIMES:
             return self.dataset.grey_box(simulated(effects))
         return self.dataset.grey_box([MEAN, *simulated(effects)], within={SHIFT_S: (0.0, SUBSTEP_S)})
+
+    def _signs(self) -> list[Array]:
+        """Return factors (7,) of start values, for each sign of the gears that their ranges hold.
+
+        Least squares find signs, but not if the marble hardly moves.
+        """
+        ends = [self.dataset.rig.ranges[name] for name in PARAMETERS[:2]]
+        both = [(1.0, -1.0) if low < 0.0 < high else (1.0,) for low, high in ends]
+        return [np.array([*signs, *[1.0] * 5]) for signs in itertools.product(*both)]
 
     def _starts(self) -> tuple[Array, Array]:
         """Return initial values and noise sizes: least squares, and the middle of ranges.

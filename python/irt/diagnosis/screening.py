@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from irt.catalogue import effect
+from irt.catalogue import EffectInfo, effect
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import JITTER, SHIFT_S, SMOOTHED, SMOOTHED_S
 from irt.diagnosis.score import KICK, Scored, Scores
 from irt.engine import SUBSTEP_S
 from irt.fitting.effect_size import size_of, sizes_of
+from irt.fitting.problem import in_unit_of
 from irt.fitting.solution import Filtered
 
 Array = NDArray[np.float64]
@@ -142,7 +143,8 @@ class Screening:
         return Promise(JITTER, float(gains[best[0]]), values[best], noise[best])
 
     def _promise(self, name: str) -> Promise:
-        drawn = draws(name, config.DRAWS, self._dataset.seed)
+        info = in_unit_of(self._dataset.rig, effect(name))
+        drawn = draws(info, config.DRAWS, self._dataset.seed)
         columns = place_columns(name)
         if self._place is not None and columns:
             there = drawn.copy()
@@ -166,7 +168,7 @@ class Screening:
                 share[index] = amount
                 amount = np.clip(amount, -3.0 if _both_ways(name) else 0.0, 3.0)
                 linear[index] = amount * along - 0.5 * amount * amount * square
-        scaled = self._scaled(name, own, values, share)
+        scaled = self._scaled(info, own, values, share)
         best = [*np.argsort(-linear)[: config.STARTS], int(np.argmax(actual))]
         starts = [scaled[best[0]], values[best[-1]], *(scaled[index] for index in best[1:-1])]
         gain = float(max(linear.max(), actual.max()))
@@ -193,11 +195,12 @@ class Screening:
         moved = np.concatenate([each.ravel() for each in one.predicted])[self._kept]
         return self._across((moved - self._here) / self._scale * self._root)
 
-    def _scaled(self, name: str, own: int, values: Array, share: Array) -> Array:
+    @staticmethod
+    def _scaled(info: EffectInfo, own: int, values: Array, share: Array) -> Array:
         """Return draws with their size scaled to the best fit, within their ranges."""
         scaled = values.copy()
-        known = effect(name).required
-        size = size_of(name)
+        known = info.required
+        size = size_of(info.name)
         for index, one in enumerate(known):
             if one.is_choice or not np.isfinite(one.neutral) or (size is not None and index != size):
                 continue
@@ -250,10 +253,10 @@ def _both_ways(name: str) -> bool:
     return all(one.low < one.neutral < one.high for one in sizes_of(name))
 
 
-def draws(name: str, count: int, seed: int) -> Array:
+def draws(info: EffectInfo, count: int, seed: int) -> Array:
     """Draw values of an effect, (count, p): sizes log-uniformly, other parameters uniformly."""
-    known = effect(name).required
-    size = size_of(name)
+    known = info.required
+    size = size_of(info.name)
     cube = qmc.Sobol(2 * len(known), seed=np.random.default_rng([seed, 7])).random(count)
     drawn = np.empty((count, len(known)))
     for index, one in enumerate(known):

@@ -12,6 +12,7 @@ from irt import arguments
 from irt.catalogue import effect
 from irt.engine import SUBSTEP_S
 from irt.files import PathLike
+from irt.fitting.problem import in_unit_of
 from irt.model import Effect, Model, as_model
 from irt.posterior import Component
 from irt.rig import PARAMETERS
@@ -49,7 +50,7 @@ def to_json(model: Model | PathLike) -> str:
             name: {**asdict(one), "unit": _unit(model, name), "range": list(model.ranges[name])}
             for name, one in model.parameters.items()
         },
-        "effects": [_effect(one) for one in model.effects],
+        "effects": [_effect(model, one) for one in model.effects],
         "posterior": [_component(one) for one in model.posterior],
     }
     return f"{json.dumps(_finite(content), indent=2, allow_nan=False)}\n"
@@ -62,9 +63,9 @@ def _unit(model: Model, name: str) -> str:
     return _UNITS[name]
 
 
-def _effect(one: Effect) -> dict[str, Any]:
+def _effect(model: Model, one: Effect) -> dict[str, Any]:
     """Return an effect with all its parameters, those that the model leaves out at their neutral value."""
-    info = effect(one.name)
+    info = in_unit_of(model, effect(one.name))
     return {
         "name": info.name,
         "stage": info.stage,

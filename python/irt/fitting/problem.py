@@ -17,7 +17,7 @@ from irt.errors import IrtError, unknown_name
 from irt.fitting.solution import Curvature, Filtered, Probable, Refined, Shrunk, Smoothed, Solution
 from irt.fitting.unfinished import answered
 from irt.model import GEAR_MATRIX
-from irt.rig import PARAMETERS
+from irt.rig import KNOB_RAD, PARAMETERS, STOPS_RAD
 
 if TYPE_CHECKING:
     from irt.model import Effect, Model
@@ -134,7 +134,7 @@ class Problem:
             parameters[TIME] = np.nan, np.nan, time_scale
         for name, value in (fixed or {}).items():
             parameters[PARAMETERS.index(name)] = np.nan, np.nan, value
-        infos = [_within(_in_units_of(rig, effect(one.name)), within or {}) for one in effects]
+        infos = [_within(in_unit_of(rig, effect(one.name)), within or {}) for one in effects]
         named = [{*one.parameters, *(held or {}).get(one.name, {})} for one in effects]
         pairs = list(zip(infos, named, strict=True))
         all_of_effects = [one for info, names in pairs for one in info.used(names)]
@@ -361,12 +361,14 @@ def noise_in(observed: Iterable[Array]) -> float:
     return _labsim.tracker_noise([np.ascontiguousarray(one) for one in observed])
 
 
-def _in_units_of(rig: Rig | Model, info: EffectInfo) -> EffectInfo:
+def in_unit_of(rig: Rig | Model, info: EffectInfo) -> EffectInfo:
     """Return an effect with ranges in the unit of a rig's commands: gears are in rad per unit."""
-    if info.name != GEAR_MATRIX:
-        return info
     most = max(abs(end) for name in ("gear_x", "gear_y") for end in rig.ranges[name])
-    return replace(info, parameters=tuple(replace(one, low=-most, high=most) for one in info.parameters))
+    if info.name == GEAR_MATRIX:
+        return replace(info, parameters=tuple(replace(one, low=-most, high=most) for one in info.parameters))
+    if rig.commands.unit == "rad":
+        return info
+    return info.in_unit(rig.commands.unit, most * KNOB_RAD / STOPS_RAD)
 
 
 def _within(info: EffectInfo, within: Mapping[str, tuple[float, float]]) -> EffectInfo:

@@ -17,6 +17,7 @@ from irt.diagnosis.words import LEARNED
 from irt.display import listed
 from irt.engine import SUBSTEP_S
 from irt.files import PathLike, make_folder
+from irt.fitting.problem import in_unit_of
 from irt.model import Model, Parameter
 from irt.report import diagnosis_tables as tables
 from irt.report.animation import PLAYER, Animation
@@ -236,7 +237,7 @@ class _Report:
             "probability": f"{probability(one.probability)} for {_with_ties(one)}, "
             "given these recordings and the catalogue",
             "info": info,
-            "table": None if info is None else tables.values(one, info, self.stated),
+            "table": None if info is None else tables.values(one, in_unit_of(self.rig, info), self.stated),
             "confusable": [
                 f"{plain(name)}: {known[name].does}" if name in known else plain(name)
                 for name in one.confusable_with

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from irt.catalogue import EffectInfo, EffectParameter, effect
 from irt.diagnosis.result import UNLISTED, Diagnosis, NamedEffect
 from irt.diagnosis.words import slopes
-from irt.model import Effect, Parameter
+from irt.fitting.problem import in_unit_of
+from irt.model import Effect, Model, Parameter
 from irt.report.page import Table
 from irt.report.plots import mean_absolute
 from irt.report.words import (
@@ -51,7 +52,7 @@ def indistinguishable(diagnosis: Diagnosis, stated: Stated) -> Table | None:
         [
             [
                 together([one.name for one in model.effects]),
-                "; ".join(_values(one, stated) for one in model.effects),
+                "; ".join(_values(model, one, stated) for one in model.effects),
                 *(f"{model.parameters[name].value:.3g}" for name in PARAMETERS),
             ]
             for model in (diagnosis.model, *diagnosis.indistinguishable)
@@ -60,11 +61,11 @@ def indistinguishable(diagnosis: Diagnosis, stated: Stated) -> Table | None:
     )
 
 
-def _values(one: Effect, stated: Stated) -> str:
+def _values(model: Model, one: Effect, stated: Stated) -> str:
     """Return the values of an effect as text; a learned correction has too many for one line."""
     if one.name == UNLISTED:
         return "in model.toml"
-    about = effect(one.name)
+    about = in_unit_of(model, effect(one.name))
     unit = {parameter.name: parameter.unit for parameter in about.parameters}
     if about.shrunk:
         return slopes(one.parameters.values(), about.parameters[0].unit)

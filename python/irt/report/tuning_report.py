@@ -15,7 +15,7 @@ from irt.catalogue import effect
 from irt.errors import IrtError
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import FitResult
-from irt.fitting.problem import tracker_noise
+from irt.fitting.problem import in_unit_of, tracker_noise
 from irt.methods import TITLES
 from irt.model import Model
 from irt.report import style
@@ -337,7 +337,7 @@ def _parameters(results: Sequence[FitResult]) -> Table:
 def _effect_rows(results: Sequence[FitResult]) -> Iterator[list[str]]:
     """Yield a row for each parameter of the effects fitted by at least one method."""
     for name in dict.fromkeys(name for result in results for name in result.effects):
-        for known in effect(name).parameters:
+        for known in in_unit_of(results[0].model, effect(name)).parameters:
             fitted = [result.effects.get(name, {}).get(known.name) for result in results]
             if any(value is not None for value in fitted):
                 values = ["-" if value is None else with_interval(value) for value in fitted]

@@ -239,17 +239,19 @@ def test_practice_and_real_rigs_raise_no_alarm(shared):
         assert all(one.best == "" for one in found.responses), path.name
 
 
-@pytest.mark.parametrize(("factor", "expected"), [(2000.0, 1), (1.0, 0)])
-def test_commands_that_are_no_angles_hide_effects_at_the_knob(make_rig, factor, expected):
-    rig = make_rig()
+def test_effects_at_the_knob_are_sized_in_the_unit_of_the_commands(make_rig):
+    rig, factor = make_rig(), 2000.0
     runs = tuple(replace(one, knobs=factor * one.knobs, columns=CMD) for one in rig.recordings)
-    ranges = {**rig.ranges, "gear_x": (-1.0, 1.0), "gear_y": (-1.0, 1.0)}
-    found = check(replace(rig, recordings=runs, commands=Commands("us"), ranges=ranges))
-    notes = [one for one in found.findings if "effects at the knob are searched for at angles" in one.what]
-    assert [one.where for one in notes] == ["cmd_x and cmd_y"] * expected
-    # Nor does a page say from which angles on they would be seen.
-    assert found.identified is not None
-    at_the_knob = {"backlash", "dead_band", "gear_nonlinearity"} & {
-        one.effect for one in found.identified.effects
-    }
-    assert len(at_the_knob) == (0 if expected else 3)
+    # As steep as knobs that bring the board to its stops at 0.2 rad.
+    ranges = {**rig.ranges, "gear_x": (0.0, 0.7), "gear_y": (0.0, 0.7)}
+    own_ranges = {**rig.ranges, **dict.fromkeys(("gear_x", "gear_y"), (0.0, 0.7 / factor))}
+    angles = check(replace(rig, ranges=ranges)).identified
+    own = check(replace(rig, recordings=runs, commands=Commands("us"), ranges=own_ranges)).identified
+    assert angles is not None
+    assert own is not None
+    for of_angles, of_own in zip(angles.effects, own.effects, strict=True):
+        assert of_angles.effect == of_own.effect
+        if of_angles.effect in {"backlash", "dead_band", "command_quantisation"}:
+            assert (of_angles.unit, of_own.unit) == ("rad", "us")
+            assert of_own.usual == pytest.approx(factor * of_angles.usual)
+            assert of_own.smallest == pytest.approx(factor * of_angles.smallest, rel=0.1)

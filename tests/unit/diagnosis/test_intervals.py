@@ -104,13 +104,13 @@ def test_a_size_that_may_as_well_be_none_is_not_named(name, ends, may_be):
         for one in effect(name).parameters
     }
     assert intervals.may_be_absent(name, found) is may_be
-    assert intervals.is_named(name, found) is not may_be
+    assert intervals.is_named(effect(name), found) is not may_be
 
 
 @pytest.mark.parametrize(("increase", "named"), [(0.05, False), (0.6, True)])
 def test_a_rebound_must_be_larger_than_what_engines_differ_by(increase, named):
     found = {"wall_restitution.increase": Parameter(increase, 0.9 * increase, 1.1 * increase)}
-    assert intervals.is_named("wall_restitution", found) is named
+    assert intervals.is_named(effect("wall_restitution"), found) is named
 
 
 @pytest.mark.parametrize(("speed", "named"), [(0.02, True), (0.002, False), (0.2, False)])
@@ -119,14 +119,14 @@ def test_friction_at_other_speeds_than_stribecks_is_another_effect(speed, named)
         "stribeck.strength": Parameter(9.0, 8.0, 10.0),
         "stribeck.speed_m_per_s": Parameter(speed, 0.001, 0.3),
     }
-    assert intervals.is_named("stribeck", found) is named
+    assert intervals.is_named(effect("stribeck"), found) is named
 
 
 @pytest.mark.parametrize(("low", "named"), [(0.02, True), (0.0, False), (None, False)])
 def test_delays_differ_where_their_spread_is_no_zero(low, named):
     high = None if low is None else 0.1
     found = {"delay_jitter.sd_s": Parameter(0.05, low, high)}
-    assert intervals.is_named("delay_jitter", found) is named
+    assert intervals.is_named(effect("delay_jitter"), found) is named
 
 
 @pytest.mark.parametrize(
@@ -161,3 +161,21 @@ def test_the_symmetry_of_time_leaves_the_path_of_what_was_learned_as_it_is(learn
     assert apart < 0.03 * moved
     if any(powers[name] for name in learned):
         assert np.abs(path(1.5, is_slowed=False) - path(1.0)).max() > 3.0 * apart
+
+
+@pytest.mark.parametrize(("low_s", "named"), [(0.0, False), (0.0011, False), (0.0013, True)])
+def test_delay_jitter_exceeds_the_spread_of_a_simulators_step(low_s, named):
+    """Commands that take effect at the next of 240 steps a second are late by 1.2 ms, standard deviation."""
+    found = {"delay_jitter.sd_s": Parameter(0.002, low_s, 0.003)}
+    assert intervals.is_named(effect("delay_jitter"), found) == named
+
+
+def test_the_width_of_an_effect_is_plausible_in_the_unit_of_the_commands():
+    info = effect("spring_hysteresis").in_unit("us", 1e-3)
+    found = {
+        "spring_hysteresis.strength": Parameter(0.5, 0.4, 0.6),
+        "spring_hysteresis.width_rad": Parameter(40.0, 35.0, 45.0),
+        "spring_hysteresis.jumps": Parameter(1.0),
+    }
+    assert intervals.is_named(info, found)
+    assert not intervals.is_named(effect("spring_hysteresis"), found)

@@ -87,9 +87,9 @@ def test_a_larger_effect_shows_more(plant):
 
 @pytest.mark.parametrize("name", [name for name in hypotheses() if name != "delay_jitter"])
 def test_draws_stay_within_what_physics_allows_and_are_the_same_for_a_seed(name):
-    drawn = draws(name, 32, 5)
-    np.testing.assert_array_equal(drawn, draws(name, 32, 5))
-    assert not np.array_equal(drawn, draws(name, 32, 6))
+    drawn = draws(effect(name), 32, 5)
+    np.testing.assert_array_equal(drawn, draws(effect(name), 32, 5))
+    assert not np.array_equal(drawn, draws(effect(name), 32, 6))
     for one, column in zip(effect(name).required, drawn.T, strict=True):
         if one.is_choice:
             assert set(column) <= set(one.choices)

@@ -19,7 +19,6 @@ from irt.diagnosis.result import (
     Remains,
     RunProof,
     Share,
-    units,
 )
 from irt.diagnosis.words import LEARNED
 from irt.engine import rollouts
@@ -101,7 +100,16 @@ def make_effects(verdict, before, after):
         tie, chance, again = ("delay",), 0.973, 1.0
         return (
             NamedEffect(
-                one.name, "actuation", fitted, units(one.name), before, after, tie, reason, chance, again
+                one.name,
+                "actuation",
+                fitted,
+                effect(one.name).units,
+                before,
+                after,
+                tie,
+                reason,
+                chance,
+                again,
             ),
         )
     if verdict == "unlisted":
@@ -110,7 +118,9 @@ def make_effects(verdict, before, after):
             "drag_strength": Parameter(0.021, 0.018, 0.024),
             "drag_power": Parameter(1.5, 1.3, 1.7),
         }
-        learned = NamedEffect(UNLISTED, "field", fitted, units(UNLISTED), before, after, chosen_again=1.0)
+        learned = NamedEffect(
+            UNLISTED, "field", fitted, effect(UNLISTED).units, before, after, chosen_again=1.0
+        )
         return (learned,)
     return ()
 

@@ -8,7 +8,7 @@ from matplotlib.contour import QuadContourSet
 
 from irt.catalogue import effect
 from irt.diagnosis.basis import SHAPES
-from irt.diagnosis.result import UNLISTED, NamedEffect, units
+from irt.diagnosis.result import UNLISTED, NamedEffect
 from irt.engine import SUBSTEP_S, rollouts
 from irt.model import Parameter
 from irt.report.learned import described, learned_terms, terms_table
@@ -23,7 +23,7 @@ def correction(**changes):
     parameters = {one.name: Parameter(one.neutral) for one in effect(UNLISTED).parameters}
     for name, value in changes.items():
         parameters[name] = Parameter(*value) if isinstance(value, tuple) else Parameter(value)
-    return NamedEffect(UNLISTED, "field", parameters, units(UNLISTED), 0.02, 0.01)
+    return NamedEffect(UNLISTED, "field", parameters, effect(UNLISTED).units, 0.02, 0.01)
 
 
 def wave(**changes):

@@ -13,7 +13,7 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
         unit: "rad",
         range: (0.001, 0.3),
         neutral: 0.0,
-        allowed: (0.0, 10.0),
+        allowed: (0.0, 1e6),
         time_power: 0,
         optional: false,
         reach: None,

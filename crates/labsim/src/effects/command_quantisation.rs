@@ -22,7 +22,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         unit: "rad",
         range: (5e-4, 0.02),
         neutral: 0.0,
-        allowed: (0.0, 10.0),
+        allowed: (0.0, 1e6),
         time_power: 0,
         optional: false,
         reach: None,

@@ -32,7 +32,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             unit: "rad",
             range: (0.005, 0.2),
             neutral: 0.05,
-            allowed: (1e-6, 10.0),
+            allowed: (1e-6, 1e6),
             time_power: 0,
             optional: false,
             reach: None,

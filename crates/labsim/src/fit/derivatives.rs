@@ -8,7 +8,9 @@
 use nalgebra::{DMatrix, DVector, Matrix4, SVector};
 use pulp::Arch;
 
+use super::channels::MARBLE;
 use super::scoring::{Slope, Start, Step};
+use super::windows::Windows;
 use crate::engine::TAIL;
 use crate::filter::log_density;
 
@@ -21,6 +23,30 @@ pub(super) struct Innovation {
     pub(super) window: usize,
     pub(super) off: f64,
     pub(super) variance: f64,
+}
+
+/// Innovations of each observation of a window's marble, along axes that change. A first row that is the start has
+/// none; other predictions may be no numbers, but are as many at all values.
+pub(super) fn innovations_of<'a>(
+    windows: &'a Windows,
+    number: usize,
+    predicted: &'a [[f64; 2]],
+    variance: &'a [[f64; 2]],
+) -> impl Iterator<Item = Innovation> + 'a {
+    let window = &windows.all[number];
+    let active = &windows.channels.active[MARBLE];
+    let known = &windows.known[window.marble()];
+    let observed = &windows.observed[window.marble()];
+    let places = (0..predicted.len()).flat_map(|row| [(row, 0), (row, 1)]);
+    places
+        .filter(move |&(row, axis)| {
+            active[axis] && known[2 * row + axis] && (row > 0 || variance[row][axis].is_finite())
+        })
+        .map(move |(row, axis)| Innovation {
+            window: number,
+            off: observed[2 * row + axis] - predicted[row][axis],
+            variance: variance[row][axis],
+        })
 }
 
 /// Log-likelihood of observations.

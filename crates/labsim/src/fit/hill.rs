@@ -3,13 +3,13 @@
 use nalgebra::{DMatrix, DVector, Matrix4, SVector};
 
 use super::ascent::{Ascent, DAMPING, Look, Place, Probable};
-use super::channels::MARBLE;
 use super::coordinates::Coordinates;
-use super::derivatives::{Derivatives, Innovation, log_likelihood};
+use super::derivatives::{Derivatives, Innovation, innovations_of, log_likelihood};
 use super::prior::Prior;
 use super::random_sizes::{SIZES, of_sizes, sizes, with_sizes};
 use super::scoring::{Slope, Start, Step};
-use super::shooting::{Shooting, Trial};
+use super::shooting::Shooting;
+use super::trial::Trial;
 use super::windows::State;
 use crate::error::Result;
 use crate::noise::Noise;
@@ -178,6 +178,8 @@ impl<'a> Hill<'a> {
             .iter()
             .zip(&found)
             .map(|(place, found)| log_likelihood(found) + self.log_prior(place))
+            // What is no number would count as the highest.
+            .map(|one| if one.is_nan() { f64::NEG_INFINITY } else { one })
             .collect();
         for (number, (ascent, slope)) in ascents.iter_mut().zip(slopes).enumerate() {
             let own = number * TRIED.len()..(number + 1) * TRIED.len();
@@ -350,6 +352,8 @@ impl<'a> Hill<'a> {
     fn scoring(&self, slope: &Slope, damping: f64) -> Step {
         let (curvature, uphill, inverses) = slope.without_starts(damping);
         let step = curvature.cholesky().map(|one| one.solve(&uphill));
+        // Derivatives beyond all numbers lead nowhere.
+        let step = step.filter(|step| step.iter().all(|one| one.is_finite()));
         let step = step.unwrap_or_else(|| DVector::zeros(uphill.len()));
         self.with_states(slope, step, &inverses)
     }
@@ -373,7 +377,12 @@ impl<'a> Hill<'a> {
             let rest = start.cross.transpose() * &step;
             let own =
                 inverse * (start.uphill - SVector::<f64, 4>::from_column_slice(rest.as_slice()));
-            std::array::from_fn(|c| own[c].clamp(-FARTHEST * STATES[c], FARTHEST * STATES[c]))
+            std::array::from_fn(|c| {
+                match own[c].clamp(-FARTHEST * STATES[c], FARTHEST * STATES[c]) {
+                    step if step.is_nan() => 0.0,
+                    step => step,
+                }
+            })
         };
         let states = slope.starts.iter().zip(inverses).map(of_start).collect();
         Step {
@@ -459,35 +468,11 @@ impl<'a> Hill<'a> {
         self.shooting
             .predict(&trials, &noise, |[trial, window], predicted, variance| {
                 if left_out[trial].is_none_or(|fold| self.folds[window] != fold) {
-                    self.compare(window, predicted, variance, &mut innovations[trial]);
+                    let windows = self.shooting.windows;
+                    innovations[trial].extend(innovations_of(windows, window, predicted, variance));
                 }
             })?;
         Ok(innovations)
-    }
-
-    fn compare(
-        &self,
-        number: usize,
-        predicted: &[[f64; 2]],
-        variance: &[[f64; 2]],
-        innovations: &mut Vec<Innovation>,
-    ) {
-        let windows = self.shooting.windows;
-        let window = &windows.all[number];
-        let active = &windows.channels.active[MARBLE];
-        let known = &windows.known[window.marble()];
-        let observed = &windows.observed[window.marble()];
-        for (row, (mean, variance)) in predicted.iter().zip(variance).enumerate() {
-            for axis in (0..2).filter(|&axis| active[axis]) {
-                if known[2 * row + axis] && variance[axis].is_finite() {
-                    innovations.push(Innovation {
-                        window: number,
-                        off: observed[2 * row + axis] - mean[axis],
-                        variance: variance[axis],
-                    });
-                }
-            }
-        }
     }
 }
 

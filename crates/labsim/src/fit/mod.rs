@@ -29,6 +29,7 @@ mod shrinkage;
 mod slopes;
 mod stages;
 mod starts;
+mod trial;
 mod windows;
 
 use std::sync::atomic::AtomicBool;

@@ -8,6 +8,7 @@ use std::sync::atomic::AtomicBool;
 use super::channels::MARBLE;
 use super::coordinates::Coordinates;
 use super::problem::{LEAN, Problem};
+use super::trial::{Trial, distinct};
 use super::windows::{State, Window, Windows};
 use crate::board::SUBSTEP_S;
 use crate::effects::EffectInstance;
@@ -48,13 +49,6 @@ pub struct Filtered {
     pub variance: Vec<Vec<[f64; 2]>>,
     /// Log-likelihoods of the observations along each axis.
     pub log_likelihood: Vec<[f64; 2]>,
-}
-
-/// A point, and the number of physics updates per row.
-pub(super) struct Trial {
-    pub(super) values: Vec<f64>,
-    pub(super) states: Vec<State>,
-    pub(super) updates: u32,
 }
 
 impl<'a> Shooting<'a> {
@@ -489,21 +483,4 @@ impl<'a> Shooting<'a> {
         }
         all
     }
-}
-
-/// Trials that differ in more than their start states, and for each other trial the one that it equals.
-fn distinct(trials: &[Trial]) -> (Vec<usize>, Vec<(usize, usize)>) {
-    let mut own: Vec<usize> = Vec::new();
-    let mut twins = Vec::new();
-    for (i, trial) in trials.iter().enumerate() {
-        let alike = |other: &&usize| {
-            let other = &trials[**other];
-            other.updates == trial.updates && other.values == trial.values
-        };
-        match own.iter().find(alike) {
-            Some(&twin) => twins.push((i, twin)),
-            None => own.push(i),
-        }
-    }
-    (own, twins)
 }

@@ -1,6 +1,7 @@
 //! Slopes of the residuals by finite differences, all columns of all candidates in one batch.
 
-use super::shooting::{Point, Shooting, Trial};
+use super::shooting::{Point, Shooting};
+use super::trial::Trial;
 use crate::board::SUBSTEP_S;
 use crate::effects::Hook;
 use crate::error::Result;
