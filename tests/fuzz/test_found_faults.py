@@ -14,13 +14,14 @@ from guard import little_memory, outcome
 from readers import CORPUS, READERS, RECORDINGS, unfinished_seed
 
 import rig_bags
-from irt.bag import load_bag
+from irt.bag import Series, load_bag
 from irt.cleaning import tilt_jumps
 from irt.errors import IrtError
 from irt.fitting.unfinished import Unfinished, answered
 from irt.importing import import_bags
 from irt.importing.lab_bags import topics_of
 from irt.importing.mapping import Expression
+from irt.importing.own_bags import _following
 from irt.importing.tables import read_replay
 from irt.model import load_model
 from irt.recording import load_recording
@@ -38,6 +39,12 @@ def changed(seed: bytes, old: bytes, new: bytes) -> bytes:
     assert old in seed
     assert len(old) == len(new)
     return seed.replace(old, new)
+
+
+def only(series: Series, rows: list[int]) -> Series:
+    """Return some messages of a series."""
+    index = np.array(rows, dtype=int)
+    return Series(series.stamps[index], series.values[index], series.ages[index])
 
 
 def refused(read, path: Path, data: bytes, said: str) -> None:
@@ -84,6 +91,18 @@ def test_a_record_of_a_bag_that_lies_about_its_length_ran_out_of_memory(tmp_path
     lying = BAG[:place] + struct.pack("<Q", 2**31 - 1) + BAG[place + 8 :]
     with little_memory():
         refused(load_bag, tmp_path / "bag.mcap", lying, "not a bag")
+
+
+def test_a_bag_without_angles_of_one_kind_during_a_play_ended_in_a_traceback() -> None:
+    bag = load_bag(CORPUS / "rig.mcap")
+    assert bag.measured is not None
+    begin, end = bag.plays[0].stamps[0] + 0.01, bag.plays[0].end
+    assert np.isfinite(_following(bag.set_points, bag.measured, begin, end)).all()
+    ends = only(bag.measured, [0, -1])
+    nothing = only(bag.set_points, [])
+    # Joint states before and after the play alone: a mean of nothing.
+    assert np.isnan(_following(bag.set_points, ends, begin, end)).all()
+    assert np.isnan(_following(nothing, bag.measured, begin, end)).all()
 
 
 def test_positions_in_a_bag_that_no_rig_has_overflowed(tmp_path) -> None:
