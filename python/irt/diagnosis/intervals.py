@@ -246,10 +246,10 @@ def _spread(one: Scored, time_scale: Parameter) -> Parameter:
 def is_named(info: EffectInfo, found: dict[str, Parameter]) -> bool:
     """Whether an effect is distinct from its absence: delay jitter by its spread, others by their size.
 
-    A simulator in which commands take effect at its next step has a spread of that step, by nature. Delay
-    jitter must exceed it.
     It must also be distinct from other effects, by the width or speed on which it acts. Rebounds from the rim
     differ between engines, and between any engine and a rig. A law of impacts must exceed these differences.
+    So must delay jitter: where commands take effect at an engine's next step, their delays have a uniform
+    distribution over a step.
     """
     name = info.name
     if name == JITTER:

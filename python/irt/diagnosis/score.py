@@ -212,9 +212,14 @@ class Scores:
         return self.known[frozenset(one.effects)]
 
     def _drawn(self, one: Scored, count: int, number: int) -> Array:
-        """Draw values of a set from the normal approximation of its posterior, (count, n)."""
+        """Draw values of a set from the normal approximation of its posterior, (count, n).
+
+        Gears keep their signs.
+        """
         random = np.random.default_rng([self.dataset.seed, 13, number])
-        return one.top.values + one.top.deviations * random.standard_normal((count, len(one.names)))
+        values = one.top.values + one.top.deviations * random.standard_normal((count, len(one.names)))
+        values[:, :2] = np.copysign(values[:, :2], one.top.values[:2])
+        return values
 
     def _spun(self, one: Scored) -> None:
         """Fit a set from other spinning frictions, because the likelihood is flat at large values."""

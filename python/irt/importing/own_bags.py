@@ -186,7 +186,7 @@ def _at_rest(bag: Bag, play: Play, begin: float) -> Array:
 
 
 def _following(set_points: Series, measured: Series | None, begin: float, end: float) -> tuple[float, float]:
-    """Return the difference of measured from commanded knobs [rad, rms], and their lag [s]; NaN without both."""
+    """Return the difference of measured from commanded knobs [rad, rms], and the lag [s], or NaN."""
     if measured is None or set_points.stamps.size == 0:
         return float("nan"), float("nan")
     inside = (measured.stamps >= begin) & (measured.stamps <= end)
