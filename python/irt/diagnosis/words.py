@@ -169,12 +169,18 @@ def _shown(one: NamedEffect, row_s: float | None) -> str:
     if sizes and effect(one.name).shrunk:
         _, _, unit = sizes[0]
         return f"{one.name} ({slopes((value for _, value, _ in sizes), unit)})"
-    # A name such as width_x_rad or x_edges needs no unit beside its unit.
+    # A name such as width_x_rad or x_edges needs no unit beside its unit, or beside another of the commands.
+    usual = effect(one.name).units
     values = ", ".join(
-        f"{name.removesuffix(f'_{unit}').removesuffix(f'_{unit}s')} {value:.3g} {unit}".rstrip()
+        f"{_bare(_bare(name, unit), usual.get(name, unit))} {value:.3g} {unit}".rstrip()
         for name, value, unit in sizes
     )
     return f"{one.name} ({values})" if values else one.name
+
+
+def _bare(name: str, unit: str) -> str:
+    """Return the name of a parameter without a unit as suffix."""
+    return name.removesuffix(f"_{unit}").removesuffix(f"_{unit}s")
 
 
 def slopes(values: Iterable[float], unit: str) -> str:

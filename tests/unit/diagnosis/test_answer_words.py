@@ -29,6 +29,13 @@ def test_several_effects_are_enumerated_and_no_unit_stands_twice():
     assert "lacks camera_offset (x 0.03 edge), backlash (width_x 0.031 rad) and lag (width_x" in text
 
 
+def test_the_unit_of_the_commands_stands_alone():
+    width = {"half_width_rad": Parameter(53.4)}
+    band = NamedEffect("dead_band", "actuation", width, {"half_width_rad": "us"}, 0.04, 0.002)
+    text = summary([band], noise=0.001, before=0.04, after=0.002, heldout=True)
+    assert "dead_band (half_width 53.4 us)" in text
+
+
 def test_without_stamps_values_are_in_rows():
     late = NamedEffect("delay", "timing", {"delay_s": Parameter(0.2)}, {"delay_s": "s"}, 0.04, 0.002)
     settings = {"noise": 0.001, "before": 0.04, "after": 0.002, "heldout": True}
