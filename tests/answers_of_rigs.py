@@ -17,7 +17,7 @@ import numpy as np
 
 from irt.cli.demo import data
 from irt.diagnosis import diagnose
-from irt.engine import rollouts
+from irt.engine import SUBSTEP_S, rollouts
 from irt.recording import Recording
 from irt.rig import RANGES, Board, Marble, Rig, load_rig
 from irt.tuning import tune
@@ -29,7 +29,7 @@ EXTRAS += ("rosbags", "sbi", "torch")
 #: Bundled rigs, which are tuned.
 BUNDLED = ("demo-rig", "labyrinth", "labyrinth-heldout")
 
-#: Simulated rigs, which are diagnosed: their effects. The lag and the two are too small here.
+#: Simulated rigs, which are diagnosed: their effects. The two are too small here.
 SIMULATED: dict[str, Sequence[Mapping[str, Any]]] = {
     "nothing missing": (),
     "parallax": ({"name": "parallax", "height_m_per_rad": 0.5},),
@@ -55,9 +55,14 @@ class Missing(importlib.abc.MetaPathFinder):
             raise ModuleNotFoundError(f"No module named {fullname!r}", name=fullname)
 
 
-def simulated(effects: Sequence[Mapping[str, Any]], runs: int = 3, rows: int = 60) -> Rig:
-    """Return a rig of runs with these effects."""
-    random = np.random.default_rng(5)
+#: Rigs with stamps: without them rates, times and tilts are known only as well as the time scale.
+STAMPED = ("viscous drag", "lag", "tilt bias")
+
+
+def simulated(name: str, runs: int = 3, rows: int = 60) -> Rig:
+    """Return a rig of `SIMULATED`."""
+    effects, random = SIMULATED[name], np.random.default_rng(5)
+    stamps = TRUTH[3] * SUBSTEP_S * np.arange(rows) if name in STAMPED else None
     recordings = []
     for index in range(runs):
         time = np.arange(rows)[:, None, None] / rows
@@ -65,7 +70,7 @@ def simulated(effects: Sequence[Mapping[str, Any]], runs: int = 3, rows: int = 6
         knobs = (waves * random.uniform(0.01, 0.05, (2, 3))).sum(axis=2)
         marble = rollouts([TRUTH], knobs, effects=effects)[0]
         marble = marble + 1e-3 * random.standard_normal(marble.shape)
-        recordings.append(Recording(f"run-{index}", Path(f"run-{index}.csv"), knobs, marble))
+        recordings.append(Recording(f"run-{index}", Path(f"run-{index}.csv"), knobs, marble, stamps))
     return Rig(Path("rig"), Board(), Marble(), "rest", dict(RANGES), tuple(recordings))
 
 
@@ -84,7 +89,7 @@ def tuned(name: str, threads: int | None) -> dict[str, Any]:
 
 def diagnosed(name: str, threads: int | None) -> dict[str, Any]:
     """Return what a diagnosis finds on a simulated rig."""
-    return summary(diagnose(simulated(SIMULATED[name]), seed=5, threads=threads).as_dict())
+    return summary(diagnose(simulated(name), seed=5, threads=threads).as_dict())
 
 
 def summary(answer: Mapping[str, Any]) -> dict[str, Any]:

@@ -36,11 +36,11 @@ RIGS = list(PINNED)
 
 
 def like(pinned):
-    """Return what an answer has to equal, to a unit of the third digit; intervals to 0.5 % of their width."""
+    """Return what an answer has to equal, to a unit of the third digit; intervals to 0.2 % of their width."""
     if isinstance(pinned, dict):
         return {key: like(value) for key, value in pinned.items()}
     if isinstance(pinned, list) and None not in pinned:
-        return pytest.approx(pinned, rel=1e-2, abs=5e-3 * (pinned[2] - pinned[1]))
+        return pytest.approx(pinned, rel=1e-2, abs=2e-3 * (pinned[2] - pinned[1]))
     return pytest.approx(pinned, rel=1e-2) if isinstance(pinned, float) else pinned
 
 

@@ -125,13 +125,11 @@ class Relevance:
         """Whether an effect matters to predictions of held-out recordings.
 
         Delay jitter does not improve predictions, so only its likelihood counts. It must be finite: the
-        spread must be compatible with the mean, also for values from free runs. And held-out recordings
-        must agree on it.
+        spread must be compatible with the mean, also for values from free runs.
         """
-        noise, without = one.dataset.noise, self.without(one, name)
         if name == JITTER:
-            agrees = self.validation.is_likelier(one, without) or not self.validation.of(one).is_proof
-            return math.isfinite(one.score) and agrees
+            return math.isfinite(one.score)
+        noise, without = one.dataset.noise, self.without(one, name)
         if self.loss(one, name) >= config.MATTERS * noise:
             return True
         if not self.validation.is_likelier(one, without):
