@@ -23,6 +23,7 @@ import os
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 from irt.errors import IrtError
@@ -76,7 +77,10 @@ class World:
 
     def stop(self) -> None:
         """Kill the process and its subprocesses."""
-        if self._process.poll() is None:
+        if self._process.poll() is not None:
+            return
+        # It may end, and another thread may wait for it, between the question and the signal.
+        with suppress(ProcessLookupError):
             if hasattr(os, "killpg"):
                 os.killpg(self._process.pid, signal.SIGKILL)
             else:

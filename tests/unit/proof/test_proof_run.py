@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import stat
 import sys
 from itertools import pairwise
@@ -364,3 +366,18 @@ def test_a_world_that_fails_is_one_clear_line(tmp_path: Path) -> None:
     ):
         with pytest.raises(IrtError, match=message), World(command) as world:
             world.ask({"make": {"index": 0, "folder": str(tmp_path)}})
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="this system has no process groups")
+def test_a_world_that_ends_while_it_is_stopped_is_no_error(monkeypatch) -> None:
+    """A thread that waits for the world may take its number away just before the signal."""
+    kill = os.killpg
+
+    def too_late(group: int, number: int) -> None:
+        kill(group, signal.SIGKILL)
+        os.waitpid(group, 0)
+        kill(group, number)
+
+    monkeypatch.setattr(os, "killpg", too_late)
+    with World([sys.executable, "-c", "input()"]) as world:
+        world.stop()
