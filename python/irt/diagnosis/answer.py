@@ -37,7 +37,7 @@ from irt.diagnosis.result import (
     Share,
     Verdict,
 )
-from irt.diagnosis.score import LASTING, RESTITUTION, WHITE, Scored, Scores
+from irt.diagnosis.score import LASTING, RESTITUTION, SCALE_OF_NORMAL, WHITE, Scored, Scores
 from irt.diagnosis.selection import Posterior, probabilities
 from irt.diagnosis.sessions import Difference, differences, sentences
 from irt.diagnosis.ties import Tie, reason, ties
@@ -51,8 +51,6 @@ from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
-#: Maximum-likelihood scale of Student's t with four degrees of freedom for standard normal errors.
-_SCALE_OF_NORMAL = 0.8310
 #: Largest p-value at which the remaining error counts as repeatable.
 _SURELY = 0.01
 
@@ -177,7 +175,7 @@ class Answer:
 
         The filter's noise sizes are scales of Student's t, which are converted to those of normal errors.
         """
-        return float(np.hypot(*self._best.noise[[WHITE, LASTING]])) / _SCALE_OF_NORMAL
+        return float(np.hypot(*self._best.noise[[WHITE, LASTING]])) / SCALE_OF_NORMAL
 
     @functools.cached_property
     def _push(self) -> float:

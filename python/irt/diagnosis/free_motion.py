@@ -16,11 +16,14 @@ Array = NDArray[np.float64]
 #: Most and least rows of a segment.
 LONGEST, SHORTEST = 24, 10
 #: Acceleration per slope of a rolling marble [m/s^2].
-PULL = 5.0 / 7.0 * GRAVITY
+PULL_OF_SLOPE = 5.0 / 7.0 * GRAVITY
 #: Smallest distance from the rim in free motion [board edges].
 FREE = 0.012
-#: Smallest speed in motion, per row, and largest error of a usable prediction, both over the tracker's noise.
-SLOW, ASTRAY = 1.0, 50.0
+#: Smallest speed in motion, per row, over the tracker's noise: three standard deviations of the speed by a
+#: parabola through seven rows, 1/sqrt(28) of the noise.
+SLOW = 0.57
+#: Largest error of a usable prediction over the tracker's noise.
+ASTRAY = 50.0
 #: Half-width of the smoothing of observed paths [rows].
 _SMOOTH = 3
 
@@ -56,6 +59,10 @@ class Rows:
     stretch: NDArray[np.int64]
 
 
+#: Rows, residuals (n, 2), and for each coordinate a basis (n, f) of nuisance directions.
+Free = tuple[Rows, Array, list[Array]]
+
+
 def integrator(rows: int) -> Array:
     """Return the displacement in row i by a unit push in row j, (rows, rows)."""
     late = np.arange(rows)[:, None] - np.arange(rows)
@@ -67,7 +74,7 @@ def _spread_out(count: int) -> NDArray[np.int64]:
     return np.argsort((np.arange(count) * 0.6180339887498949) % 1.0, kind="stable")
 
 
-def free_motion(fitted: Fitted, longest: int, *, weak: bool, most: int) -> tuple[Rows, Array, list[Array]]:
+def free_motion(fitted: Fitted, longest: int, *, weak: bool, most: int) -> Free:
     """Return rows, residuals (n, 2), and for each coordinate a basis (n, f) of nuisance directions.
 
     At most about `most` rows are used, as complete segments that are spread over the recordings.
@@ -87,9 +94,9 @@ def free_motion(fitted: Fitted, longest: int, *, weak: bool, most: int) -> tuple
             free &= np.linalg.norm(piece.velocity, axis=1) > SLOW * dataset.noise
         else:
             free &= (np.abs(piece.residual) < ASTRAY * dataset.noise).all(axis=1)
-        first, stop = _longest(np.asarray(free))
-        if stop - first >= SHORTEST:
-            pieces.append(piece.cut(first, stop))
+        pieces += [
+            piece.cut(first, stop) for first, stop in runs(np.asarray(free)) if stop - first >= SHORTEST
+        ]
     if not pieces:
         empty, none = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
         turned = np.zeros((0, EARLIER, 2))
@@ -193,11 +200,6 @@ def runs(free: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return first row and end of each sequence of free rows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
     return [(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
-
-
-def _longest(free: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return first row and end of the longest sequence of free rows."""
-    return max(runs(free), key=lambda run: run[1] - run[0], default=(0, 0))
 
 
 def _basis(rows: Rows, columns: list[Array]) -> Array:

@@ -78,24 +78,10 @@ class LatentForce:
     ----------
     fitted : Fitted
         The hypothesis.
-    weak : bool
-        Whether to use the observed motion with unknown gears and friction, which works however inaccurate the
-        predictions are, but only for the base model. Otherwise the residuals of the predictions are used.
-    longest : int
-        Most rows of a segment. Long segments reveal small pushes, if the predictions do not diverge.
-    most : int
-        Most rows in total, as complete segments that are spread over the recordings.
     """
 
-    def __init__(
-        self,
-        fitted: Fitted,
-        *,
-        weak: bool = False,
-        longest: int = LONGEST,
-        most: int = MOST_ROWS,
-    ) -> None:
-        self.rows, self._residual, self._fixed = free_motion(fitted, longest, weak=weak, most=most)
+    def __init__(self, fitted: Fitted) -> None:
+        self.rows, self._residual, self._fixed = free_motion(fitted, LONGEST, weak=False, most=MOST_ROWS)
         self._noise = fitted.dataset.noise
 
     @property
@@ -110,17 +96,6 @@ class LatentForce:
             own = self.rows.stretch == stretch
             found[own] = integrator(int(own.sum())) @ push[own]
         return found
-
-    def projected(self, axis: int, changes: Array) -> Array:
-        """Project (n, k) changes of a coordinate onto the complement of start states and five parameters."""
-        basis = self._fixed[axis]
-        return np.asarray(changes - basis @ (basis.T @ changes))
-
-    def explain(self, axis: int, changes: Array) -> None:
-        """Add (n, k) changes of a coordinate to the nuisance directions."""
-        # A gear whose knob never turns does nothing along its axis.
-        seen = changes[:, np.linalg.norm(changes, axis=0) > 0.0]
-        self._fixed[axis] = np.linalg.qr(np.column_stack([self._fixed[axis], seen]))[0]
 
     def residual(self, axis: int) -> Array:
         """Return observed minus predicted for a coordinate, (n,) [board edges]."""

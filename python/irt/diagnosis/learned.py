@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.regressors import Regressors, likely_terms, motion_seen
+from irt.diagnosis.regressors import likely_terms
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import PUSH, Scored, Scores
 from irt.diagnosis.selection import Report
@@ -26,10 +26,8 @@ def learn(parent: Scored, report: Report) -> Scored | None:
     One term without a gain is allowed, because it may gain with the next: on a board with waves in two
     directions, one of them alone predicts nothing. Terms that become superfluous are removed.
     """
-    # The observed motion reveals pushes only if commands act unchanged, which effects could alter.
-    seen = None if parent.effects else motion_seen(parent.fitted)
     best, now, doubted = parent, parent, False
-    while (found := _with_another(parent, now, seen, report)) is not None:
+    while (found := _with_another(parent, now, report)) is not None:
         now = found
         if now.score > best.score + config.SURE:
             best, doubted = now, False
@@ -39,15 +37,13 @@ def learn(parent: Scored, report: Report) -> Scored | None:
             break
         else:
             doubted = True
-        if seen is not None:
-            seen.take(now.terms[-1])
     return None if best is parent else _needed(best)
 
 
-def _with_another(parent: Scored, now: Scored, seen: Regressors | None, report: Report) -> Scored | None:
+def _with_another(parent: Scored, now: Scored, report: Report) -> Scored | None:
     """Return the most probable set with one more term."""
     tried = []
-    for term in likely_terms(now.fitted, seen, now.terms):
+    for term in likely_terms(now, None if parent.effects else parent):
         report(f"a push that depends on {term.variable}")
         tried.append(_first(parent, now, (*now.terms, term)))
     return _thorough(max(tried, key=_finite)) if tried else None

@@ -7,6 +7,7 @@ differentiated.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,9 @@ from irt.diagnosis.basis import (
     spots,
     waves,
 )
-from irt.diagnosis.dataset import Fitted
-from irt.diagnosis.free_motion import LONGEST, PULL
-from irt.diagnosis.latent_force import LatentForce
+from irt.diagnosis.displacements import Displacements, row_variances
+from irt.diagnosis.free_motion import LONGEST, PULL_OF_SLOPE, Free, free_motion
+from irt.diagnosis.score import Scored, with_less_push
 from irt.diagnosis.terms import BRAKE, GEARS, LAWS, MODE, PROFILES, PUSH, VECTORS, Term
 from irt.rig import PARAMETERS
 
@@ -47,31 +48,32 @@ PHASES = np.arange(4) * np.pi / 4.0
 #: Rates [rad/s] and dampings of modes.
 RATES = np.geomspace(2.0, 40.0, 25)
 DAMPINGS = (0.03, 0.1, 0.25, 0.6)
-#: Required gain per parameter of a term, and for being the best of about 10,000 terms [nats].
-PRICE, WORTH = 3.0, 12.0
+#: Required gain per parameter of a term [nats].
+PRICE = 3.0
 #: Smallest gain of terms of other families relative to the best, and most families.
 NEAR, FAMILIES = 0.7, 3
 #: Most rows of segments of the observed motion; the displacement by a push grows with the square of the time.
 SEEN = 60
-#: Most rows in total.
-MOST_ROWS = 1200
 #: Most rows of segments of predictions, once a term is learned.
 HORIZONS = (LONGEST, 60, 120)
+#: Most rows in total.
+MOST_ROWS = 1200
+#: Variances of the random push that are tried, as shares of that of the set.
+SHARES = (1.0, 0.1, 0.01)
 #: Reference speed of the strength of a power law [m/s].
 AT = 0.1
 
 
-def likely_terms(learned: Fitted, seen: Regressors | None, terms: Sequence[Term]) -> list[Term]:
+def likely_terms(now: Scored, base: Scored | None) -> list[Term]:
     """Return the terms that explain most of the observed motion and of the residuals of predictions.
 
     Parameters
     ----------
-    learned : Fitted
+    now : Scored
         A set of effects, including the terms learned so far.
-    seen : Regressors or None
-        The observed motion, without the contributions of these terms.
-    terms : sequence of Term
-        The terms learned so far.
+    base : Scored or None
+        The five parameters alone, if the terms are all that the set has besides: the observed motion reveals
+        pushes only if commands act unchanged.
 
     Returns
     -------
@@ -79,29 +81,57 @@ def likely_terms(learned: Fitted, seen: Regressors | None, terms: Sequence[Term]
         For the observed motion the best terms of several families, and for residuals at each horizon the best
         term, if they explain more than chance does in a library of this size.
     """
-    found = [] if seen is None else seen.likely(terms, FAMILIES)
-    if terms or seen is None:
+    found = [] if base is None else _likely(now, _free(base, SEEN, weak=True), base, FAMILIES)
+    if now.terms or base is None:
         # Long segments reveal small pushes; in short segments predictions do not diverge.
-        horizons = HORIZONS if terms else HORIZONS[:1]
-        forces = (LatentForce(learned, longest=rows, most=MOST_ROWS) for rows in horizons)
-        found += [term for one in forces if one.count for term in Regressors(one, learned).likely(terms, 1)]
+        for rows in HORIZONS if now.terms else HORIZONS[:1]:
+            found += _likely(now, _free(now, rows, weak=False), now, 1)
     return found
 
 
-def motion_seen(base: Fitted) -> Regressors | None:
-    """Return the regression of the observed motion; None if there are no segments of free motion."""
-    force = LatentForce(base, weak=True, longest=SEEN, most=MOST_ROWS)
-    return Regressors(force, base) if force.count else None
+def _free(one: Scored, longest: int, *, weak: bool) -> Free:
+    return free_motion(one.fitted, longest, weak=weak, most=MOST_ROWS)
+
+
+def _likely(now: Scored, free: Free, parent: Scored, families: int) -> list[Term]:
+    """Return the best terms of at most `families` families that still fit into the engine's effect.
+
+    For the observed motion, of which `parent` is the set, the terms learned so far are removed.
+    """
+    if not len(free[0].time):
+        return []
+    regressors = Regressors(free, now.noise, parent)
+    if parent is not now:
+        for term in now.terms:
+            regressors.take(term)
+    return regressors.likely(now.terms, families)
 
 
 class Regressors:
-    """A missing push, and the values of all variables in its rows [SI units]."""
+    """A missing push in segments of free motion, and the values of all variables in its rows [SI units].
 
-    def __init__(self, force: LatentForce, parent: Fitted) -> None:
-        dataset = parent.dataset
+    The likelihood of a term is the largest over sizes of the random push, because that of a set stands for
+    the missing term as well.
+
+    Parameters
+    ----------
+    free : tuple
+        Segments of free motion.
+    noise : (10,) array
+        Noise sizes of the filter.
+    one : Scored
+        The set whose residuals these are.
+    """
+
+    def __init__(self, free: Free, noise: Array, one: Scored) -> None:
+        parent, dataset = one.fitted, one.dataset
         edge_m, row_s = dataset.edge_m(parent), dataset.row_s(parent)
-        rows = force.rows
-        self._force, self._dataset, self._row_s = force, dataset, row_s
+        variances = row_variances(free, noise, row_s, edge_m)
+        self._missed = [
+            Displacements(free, with_less_push(noise, share), variances, row_s, edge_m) for share in SHARES
+        ]
+        self._rows, self._dataset, self._row_s = free[0], dataset, row_s
+        rows = free[0]
         self._gears = parent.values[[PARAMETERS.index(name) for name in ("gear_x", "gear_y")]]
         self._values = {
             "position": rows.place * edge_m,
@@ -112,31 +142,22 @@ class Regressors:
             "time": rows.time[:, None] * row_s,
             "way": edge_m * self._of_runs([one.way[:, None] for one in dataset.rig.recordings]),
         }
-        #: Factor from m/s^2 to board edges per row squared.
-        self._unit = row_s**2 / edge_m
-        self._data = [self._projected(axis) for axis in (0, 1)]
-
-    @property
-    def total(self) -> float:
-        """Sum of squared residuals [board edges squared]."""
-        return max(float(sum(data @ data for data in self._data)), 1e-300)
 
     def likely(self, terms: Sequence[Term], families: int) -> list[Term]:
-        """Return the best terms of at most `families` families that still fit into the engine's effect."""
+        """Return the best terms of at most `families` families that gain more than their parameters cost."""
         best: dict[tuple[str, ...], tuple[float, Term]] = {}
         for one in self._candidates(terms):
-            gain = 0.5 * one.explained * self.total / self._dataset.noise**2 - PRICE * len(one.free)
-            if gain > best.get(one.family, (WORTH,))[0]:
-                best[one.family] = (gain, one)
+            worth = one.gain - PRICE * len(one.free)
+            if worth > best.get(one.family, (0.0,))[0]:
+                best[one.family] = (worth, one)
         ranked = sorted(best.values(), key=lambda one: -one[0])[:families]
-        return [one for gain, one in ranked if gain > NEAR * ranked[0][0]]
+        return [one for worth, one in ranked if worth > NEAR * ranked[0][0]]
 
     def take(self, term: Term) -> None:
         """Remove a term of any strength from the residuals."""
         pushes = self._pushes(term)
-        for axis in (0, 1):
-            self._force.explain(axis, self._force.moved(pushes[:, :, axis]))
-            self._data[axis] = self._projected(axis)
+        for missed in self._missed:
+            missed.explain(pushes)
 
     def _pushes(self, term: Term) -> Array:
         """Return the pushes of a term with unit strength, (n, k, 2); waves have two phases."""
@@ -153,13 +174,6 @@ class Regressors:
         elif term.gears:
             pushes = self._pulls(self._values["command"])
         return np.asarray(self._profile(term)[:, :, None] * pushes[:, None])
-
-    def _projected(self, axis: int) -> Array:
-        return self._force.projected(axis, self._force.residual(axis)[:, None])[:, 0]
-
-    def _moved(self, axis: int, pushes: Array) -> Array:
-        """Return displacements (n, k) by pushes (n, k) [m/s^2], without nuisance directions."""
-        return self._unit * self._force.projected(axis, self._force.moved(pushes))
 
     def _candidates(self, terms: Sequence[Term]) -> Iterator[Term]:
         laws = {term.law for term in terms}
@@ -220,18 +234,18 @@ class Regressors:
     def _laws(self, name: str, powers: Sequence[float]) -> Iterator[Term]:
         """Yield power laws of the speed, against the motion or perpendicular to it."""
         for power in powers:
-            strength, explained = self._sized(self._power_law(name, power)[:, None])
-            values = {f"{name}_strength": float(strength[0]), f"{name}_power": power}
-            yield Term("velocity", values, tuple(values), float(explained[0]))
+            found = self._sized(self._power_law(name, power)[:, None])
+            values = {f"{name}_strength": found.strengths[0], f"{name}_power": power}
+            yield Term("velocity", values, tuple(values), found.explained, found.gain)
 
     def _mode(self) -> Term:
         """Return the best mode of the board."""
         rates, dampings = (grid.ravel() for grid in np.meshgrid(RATES, DAMPINGS))
-        gains, explained = self._sized(self._swings(rates, dampings))
-        best = int(np.argmax(explained))
+        found = self._sized(self._swings(rates, dampings))
         names = ("mode_gain", "mode_rate_rad_per_s", "mode_damping")
-        values = dict(zip(names, map(float, (gains[best], rates[best], dampings[best])), strict=True))
-        return Term("command", values, tuple(values), float(explained[best]))
+        best = (found.strengths[0], float(rates[found.place]), float(dampings[found.place]))
+        values = dict(zip(names, best, strict=True))
+        return Term("command", values, tuple(values), found.explained, found.gain)
 
     def _swings(self, rates: Array, dampings: Array) -> Array:
         """Return the pushes (n, k, 2) by the deviations of k modes from the board's angles."""
@@ -246,11 +260,11 @@ class Regressors:
     def _pulls(angles: Array) -> Array:
         """Return the pushes [m/s^2] by angles about x and y in the last axis."""
         # A turn about y pushes along x, a turn about x against y.
-        return PULL * np.stack([angles[..., 1], -angles[..., 0]], axis=-1)
+        return PULL_OF_SLOPE * np.stack([angles[..., 1], -angles[..., 0]], axis=-1)
 
     def _of_runs(self, values: Sequence[Array]) -> Array:
         """Return the values (n, ...) in each row from (rows, ...) values of each recording."""
-        rows = self._force.rows
+        rows = self._rows
         return np.array([values[run][row] for run, row in zip(rows.run, rows.time.astype(int), strict=True)])
 
     def _power_law(self, name: str, power: float) -> Array:
@@ -275,60 +289,105 @@ class Regressors:
         The names are those of its strengths along x and along y.
         """
         profiles = grid.of(self._values[grid.variable])
-        strengths, explained = np.zeros((2, len(grid.phases))), np.zeros(len(grid.phases))
-        for axis in (0, 1):
-            moved = self._moved(axis, profiles * pushes[:, axis : axis + 1])
-            along, length = moved.T @ self._data[axis], (moved**2).sum(axis=0)
-            strengths[axis] = along / np.maximum(length, 1e-300)
-            explained += strengths[axis] * along / self.total
-        best = int(np.argmax(explained))
-        sizes = dict(zip(names, strengths[:, best].tolist(), strict=True))
-        return _term(grid, best, sizes, float(explained[best]))
+        changes = [profiles * pushes[:, axis : axis + 1] for axis in (0, 1)]
+        found = None
+        for missed in self._missed:
+            strengths, explained = np.zeros((2, len(grid.phases))), np.zeros(len(grid.phases))
+            for axis in (0, 1):
+                moved = missed.moved(axis, changes[axis])
+                along, length = missed.residual(axis) @ moved, np.einsum("nk,nk->k", moved, moved)
+                strengths[axis] = along / np.maximum(length, 1e-300)
+                explained += strengths[axis] * along
+            found = self._better(found, missed, strengths, explained)
+        assert found is not None
+        return _term(grid, found, dict(zip(names, found.strengths, strict=True)))
 
     def _braked(self, grid: Grid, law: Array, power: float) -> Term:
         """Return the best profile as a change of the drag."""
         profiles = grid.of(self._values[grid.variable])
-        strengths, explained = self._sized(profiles[:, :, None] * law[:, None])
-        best = int(np.argmax(explained))
-        sizes = {BRAKE: float(strengths[best]), "drag_power": power}
-        return _term(grid, best, sizes, float(explained[best]))
+        found = self._sized(profiles[:, :, None] * law[:, None])
+        return _term(grid, found, {BRAKE: found.strengths[0], "drag_power": power})
 
-    def _sized(self, pushes: Array) -> tuple[Array, Array]:
-        """Return the best strengths (k,) of (n, k, 2) pushes, and the share that each explains (k,)."""
-        along, length = np.zeros(pushes.shape[1]), np.zeros(pushes.shape[1])
-        for axis in (0, 1):
-            moved = self._moved(axis, pushes[:, :, axis])
-            along += moved.T @ self._data[axis]
-            length += (moved**2).sum(axis=0)
-        strengths = np.asarray(along / np.maximum(length, 1e-300))
-        return strengths, np.asarray(strengths * along / self.total)
+    def _sized(self, pushes: Array) -> Found:
+        """Return the best of (n, k, 2) pushes with one strength."""
+        found = None
+        for missed in self._missed:
+            along, length = np.zeros(pushes.shape[1]), np.zeros(pushes.shape[1])
+            for axis in (0, 1):
+                moved = missed.moved(axis, pushes[:, :, axis])
+                along += missed.residual(axis) @ moved
+                length += np.einsum("nk,nk->k", moved, moved)
+            strengths = along / np.maximum(length, 1e-300)
+            found = self._better(found, missed, strengths[None], strengths * along)
+        assert found is not None
+        return found
 
     def _wave(self, variable: str, vectors: Array) -> Term:
         """Return the best wave among (k, c) wave vectors over the c components of a variable."""
         angles = self._values[variable] @ vectors.T
-        amplitudes, explained = np.zeros((len(vectors), 2, 2)), np.zeros(len(vectors))
-        for axis in (0, 1):
-            parts = [self._moved(axis, part) for part in (np.cos(angles), np.sin(angles))]
-            gram = np.array([[(a * b).sum(axis=0) for b in parts] for a in parts]).transpose(2, 0, 1)
-            gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-300 * np.eye(2)
-            right = np.array([part.T @ self._data[axis] for part in parts]).T
-            amplitudes[:, axis] = np.linalg.solve(gram, right[..., None])[..., 0]
-            explained += (amplitudes[:, axis] * right).sum(axis=1) / self.total
-        best = int(np.argmax(explained))
+        waves_of = np.cos(angles), np.sin(angles)
+        found = None
+        for missed in self._missed:
+            amplitudes, explained = np.zeros((len(vectors), 2, 2)), np.zeros(len(vectors))
+            for axis in (0, 1):
+                parts = [missed.moved(axis, part) for part in waves_of]
+                gram = np.array([[np.einsum("nk,nk->k", a, b) for b in parts] for a in parts]).transpose(
+                    2, 0, 1
+                )
+                gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(2)
+                gram += 1e-300 * np.eye(2)
+                right = np.array([missed.residual(axis) @ part for part in parts]).T
+                amplitudes[:, axis] = np.linalg.solve(gram, right[..., None])[..., 0]
+                explained += (amplitudes[:, axis] * right).sum(axis=1)
+            found = self._better(found, missed, amplitudes.reshape(-1, 4).T, explained)
+        assert found is not None
         # Both axes share one phase, that of the larger amplitude.
-        cosine, sine = amplitudes[best, :, 0], amplitudes[best, :, 1]
+        amplitude = np.reshape(found.strengths, (2, 2))
+        cosine, sine = amplitude[:, 0], amplitude[:, 1]
         phase = 0.5 * np.arctan2(-2.0 * (cosine * sine).sum(), (cosine**2 - sine**2).sum())
         push = cosine * np.cos(phase) - sine * np.sin(phase)
-        sizes = dict(zip(PUSH, push.tolist(), strict=True))
-        grid = waves(variable, vectors[best : best + 1], phase % (2.0 * np.pi))
-        return _term(grid, 0, sizes, float(explained[best]))
+        grid = waves(variable, vectors[found.place : found.place + 1], float(phase % (2.0 * np.pi)))
+        return _term(grid, found._replace(place=0), dict(zip(PUSH, push.tolist(), strict=True)))
+
+    def _better(
+        self, known: Found | None, missed: Displacements, strengths: Array, explained: Array
+    ) -> Found:
+        """Return the best so far of k pushes.
+
+        Parameters
+        ----------
+        known : Found or None
+            The best of the pushes so far.
+        missed : Displacements
+            The residuals with a size of the random push.
+        strengths : (m, k) array
+            Strengths of the pushes.
+        explained : (k,) array
+            Sums of squares that they explain.
+        """
+        index = int(np.argmax(explained))
+        plain = max(one.log_likelihood for one in self._missed)
+        gain = missed.log_likelihood + 0.5 * float(explained[index]) - plain
+        if known is not None and known.gain >= gain:
+            return known
+        share = float(explained[index]) / max(missed.total, 1e-300)
+        return Found(index, strengths[:, index].tolist(), share, gain)
 
 
-def _term(grid: Grid, index: int, sizes: Mapping[str, float], explained: float) -> Term:
+class Found(NamedTuple):
+    """The best of some pushes: place and strengths, explained share, and gain in log-likelihood [nats]."""
+
+    place: int
+    strengths: list[float]
+    explained: float
+    gain: float
+
+
+def _term(grid: Grid, found: Found, sizes: Mapping[str, float]) -> Term:
     """Return the term of one of the profiles with these strengths."""
-    vector = dict(zip(VECTORS[grid.variable], grid.vectors[index].tolist(), strict=True))
-    phases = {"phase_1_rad": float(grid.phases[index])}
-    across = {"across_1_rad": float(grid.across[index])}
+    vector = dict(zip(VECTORS[grid.variable], grid.vectors[found.place].tolist(), strict=True))
+    phases = {"phase_1_rad": float(grid.phases[found.place])}
+    across = {"across_1_rad": float(grid.across[found.place])}
     free = {**vector, **phases, **sizes}
     if grid.shape in ROUND:
         free = {**free, **across}
@@ -336,7 +395,7 @@ def _term(grid: Grid, index: int, sizes: Mapping[str, float], explained: float) 
         # A spot has a size but no direction.
         del free[VECTORS["position"][1]]
     values = {"shape_1": float(SHAPES.index(grid.shape)), **vector, **phases, **across, **sizes}
-    return Term(grid.variable, values, tuple(free), explained)
+    return Term(grid.variable, values, tuple(free), found.explained, found.gain)
 
 
 def _away(tilts: Array, before: Array, rates: Array, dampings: Array, row_s: float) -> Array:

@@ -15,8 +15,6 @@ from irt.diagnosis.answer import Answer
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.hypotheses import MAP, hypotheses
 from irt.diagnosis.learned import learn
-from irt.diagnosis.locate import CLEAR
-from irt.diagnosis.needed import Needed
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.result import Diagnosis
 from irt.diagnosis.score import Scored, Scores
@@ -84,9 +82,9 @@ def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
 def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:
     """Return a set with a learned correction that is more probable than the best set, or None.
 
-    A correction is learned if the best set needs a push that depends on a variable, and if a share of the
-    error remains. It is learned in addition to the set and in place of it, because effects may only have
-    approximated it. A slope map is always challenged by a correction, because it can approximate one.
+    A correction is learned if the best set needs a random push, and if a share of the error remains. It is
+    learned in addition to the set and in place of it, because effects may only have approximated it. A slope
+    map is always challenged by a correction, because it can approximate one.
     """
     scores, report = relevance.selection.scores, relevance.selection.report
     base = scores.base()
@@ -95,8 +93,7 @@ def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:
     is_enough = not in_place and (scores.push(best) < config.SURE or left < config.WORTH)
     if is_enough:
         return None
-    beside = [base, best] if Needed(best).p_value <= CLEAR else []
-    parents = dict.fromkeys([*beside, *in_place])
+    parents = dict.fromkeys([base, best, *in_place])
     found = [one for parent in parents if (one := learn(parent, report)) is not None]
     found = [one for one in found if one.score > best.score + config.SURE]
     return max(found, key=lambda one: one.score, default=None)

@@ -37,6 +37,10 @@ Array = NDArray[np.float64]
 #: Indices of the noise sizes, as taken by `Problem.filter`.
 WHITE, LASTING, LASTING_S, PUSH, PULL, PULL_S, RESTITUTION, KICK, DEPARTURE, START_VELOCITY = range(10)
 
+#: Maximum-likelihood scale of Student's t with four degrees of freedom for standard normal errors. The
+#: filter's sizes of the tracker's noise are such scales.
+SCALE_OF_NORMAL = 0.8310
+
 #: Effects of the timing of commands, which include the time-step offset between engines.
 TIMES = ALIKE | {JITTER}
 
@@ -369,4 +373,11 @@ def quiet(noise: Array) -> Array:
     """Return (k, 10) noise sizes with push and random rebounds as small as for a complete model."""
     sizes = noise.copy()
     sizes[:, [PUSH, PULL, RESTITUTION]] = config.LITTLE
+    return sizes
+
+
+def with_less_push(noise: Array, share: float) -> Array:
+    """Return noise sizes (10,) with a share of the variance of the random pushes."""
+    sizes = noise.copy()
+    sizes[[PUSH, PULL]] *= share, math.sqrt(share)
     return sizes

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from irt.diagnosis.basis import SHAPES
 
@@ -50,12 +50,15 @@ class Term:
         Names of the parameters that a fit may change.
     explained : float
         Explained share of the residuals' sum of squares.
+    gain : float
+        Gain in log-likelihood by the term [nats].
     """
 
     variable: str
     values: dict[str, float]
     free: tuple[str, ...]
     explained: float
+    gain: float
 
     @property
     def law(self) -> str | None:
@@ -97,7 +100,7 @@ class Term:
     def in_slot(self, slot: int) -> Term:
         """Return the term in another slot of the engine's profiles."""
         values = {of_slot(name, slot): value for name, value in self.values.items()}
-        return Term(self.variable, values, tuple(of_slot(name, slot) for name in self.free), self.explained)
+        return replace(self, values=values, free=tuple(of_slot(name, slot) for name in self.free))
 
 
 def of_slot(name: str, slot: int) -> str:

@@ -7,7 +7,7 @@ from irt.catalogue import effect
 from irt.diagnosis import config
 from irt.diagnosis.formula import formula, variables
 from irt.diagnosis.learned import learn
-from irt.diagnosis.regressors import likely_terms, motion_seen
+from irt.diagnosis.regressors import likely_terms
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scores
 
@@ -22,8 +22,8 @@ def wave(**changes):
 
 
 def likely(dataset):
-    base = dataset.fit()
-    return likely_terms(base, motion_seen(base), ())
+    base = Scores(dataset).base()
+    return likely_terms(base, base)
 
 
 def likeliest(dataset):
@@ -48,9 +48,10 @@ def test_a_wave_over_the_board_is_found_with_its_length(plant):
 def test_a_push_that_comes_and_goes_with_time_is_found_with_its_rate(plant):
     gust = {"name": UNLISTED, "push_1_y_m_per_s2": 0.02, "rate_1_per_s": 9.0}
     dataset = plant([gust], runs=6)
-    first = likeliest(dataset)
+    base = Scores(dataset).base()
+    first = likely_terms(base, base)[0]
     assert first.variable == "time"
-    time_scale = dataset.fit().values[3]
+    time_scale = base.values["time_scale"]
     # Without stamps time is known up to the time scale.
     assert first.values["rate_1_per_s"] * time_scale == pytest.approx(9.0 * 15.0, rel=0.1)
 

@@ -1,0 +1,218 @@
+"""Displacements by pushes in segments of free motion, weighted by the noise of a set of effects.
+
+Away from the rim the marble is a double integrator. The covariance of its displacements is that of the
+filter: noise of the tracker, and a random push that accumulates. Displacements are multiplied by the inverse
+of its Cholesky factor (generalised least squares, Aitken 1936), so that the likelihood of a push is the sum
+of squares that it explains, and a random push that is needed anyway is not mistaken for a law.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
+
+from irt.diagnosis.free_motion import Free, integrator
+from irt.diagnosis.score import LASTING, LASTING_S, PULL, PULL_S, PUSH, SCALE_OF_NORMAL, WHITE
+
+Array = NDArray[np.float64]
+
+#: Degrees of freedom of the white noise, as in the filter.
+FREEDOM = 4.0
+#: Smallest part of a nuisance direction of unit length that counts beside start states.
+_LEAST = 1e-6
+#: Iterations of the variances of the white noise.
+ROUNDS = 4
+
+
+class Displacements:
+    """Residuals in free motion, and displacements by pushes, in standard deviations of the noise.
+
+    Both are without the directions of start states and of the five parameters.
+
+    Parameters
+    ----------
+    free : tuple
+        The n rows, residuals (n, 2) and nuisance directions, by `free_motion`.
+    noise : (10,) array
+        Noise sizes of the filter.
+    variances : (n, 2) array
+        Variances of the white noise in each row [board edges^2].
+    row_s, edge_m : float
+        Duration of a row [s] and long edge of the board [m].
+
+    Attributes
+    ----------
+    rows : Rows
+        The n rows of all segments.
+    log_likelihood : float
+        Log restricted likelihood of the residuals without any push but the random one [nats], up to a
+        constant.
+    """
+
+    def __init__(self, free: Free, noise: Array, variances: Array, row_s: float, edge_m: float) -> None:
+        self.rows, residuals, fixed = free
+        lengths = np.unique(self.rows.stretch, return_counts=True)[1].tolist()
+        parts = [slice(begin, end) for begin, end in itertools.pairwise([0, *itertools.accumulate(lengths)])]
+        moved = row_s**2 / edge_m * integrator(max(lengths))
+        covariance = _covariance(noise, moved, row_s)
+        self._axes = []
+        for axis in (0, 1):
+            segments = []
+            for rows, size in zip(parts, lengths, strict=True):
+                own = covariance[:size, :size] + np.diag(variances[rows, axis])
+                segments.append(_Segment(rows, own, moved[:size, :size]))
+            self._axes.append(_Axis(segments, residuals[:, axis], fixed[axis]))
+        self.log_likelihood = sum(one.log_likelihood for one in self._axes)
+
+    @property
+    def total(self) -> float:
+        """Sum of squared residuals, in variances."""
+        return float(sum(one.data @ one.data for one in self._axes))
+
+    def residual(self, axis: int) -> Array:
+        """Return observed minus predicted for a coordinate, (n,), in standard deviations."""
+        return np.asarray(self._axes[axis].data)
+
+    def moved(self, axis: int, pushes: Array) -> Array:
+        """Return displacements of a coordinate by pushes [m/s^2], (n, k), in standard deviations."""
+        return self._axes[axis].moved(pushes)
+
+    def explain(self, pushes: Array) -> None:
+        """Remove (n, k, 2) pushes of any strength from the residuals."""
+        for axis, one in enumerate(self._axes):
+            one.explain(one.moved(pushes[:, :, axis]))
+
+    def white(self) -> Array:
+        """Return the most probable white noise in each row, (n, 2), over its variance [1/board edge]."""
+        return np.column_stack([one.white() for one in self._axes])
+
+
+def row_variances(free: Free, noise: Array, row_s: float, edge_m: float) -> Array:
+    """Return the variances (n, 2) of the white noise in each row [board edges^2].
+
+    The noise has Student's t distribution, as in the filter: rows far from a path that the random push
+    allows are noisier than others (expectation-maximisation of Lange, Little and Taylor 1989).
+    """
+    scale = float(noise[WHITE])
+    variances = np.full((len(free[0].time), 2), (scale / SCALE_OF_NORMAL) ** 2)
+    for _ in range(ROUNDS):
+        missed = variances * Displacements(free, noise, variances, row_s, edge_m).white()
+        variances = (FREEDOM * scale**2 + missed**2) / (FREEDOM + 1.0)
+    return variances
+
+
+class _Axis:
+    """A coordinate.
+
+    Attributes
+    ----------
+    data : (n,) array
+        Residuals without the nuisance directions, in standard deviations.
+    log_likelihood : float
+        Their log restricted likelihood, up to a constant [nats].
+    """
+
+    def __init__(self, segments: Sequence[_Segment], residuals: Array, fixed: Array) -> None:
+        self._segments = segments
+        basis, triangle = np.linalg.qr(self._whitened(fixed))
+        data = self._whitened(residuals[:, None])
+        data -= basis @ (basis.T @ data)
+        # Start states are removed segment by segment, so that few directions remain for all rows.
+        left, singular, _ = np.linalg.svd(self._started(basis), full_matrices=False)
+        self._fixed = left[:, singular > _LEAST]
+        self.data = data[:, 0]
+        logs = [np.log(np.abs(np.diag(one))).sum() for one in (*(one.factor for one in segments), triangle)]
+        self.log_likelihood = -float(np.sum(logs)) - 0.5 * float(self.data @ self.data)
+
+    def moved(self, pushes: Array) -> Array:
+        """Return displacements by pushes [m/s^2], (n, k), in standard deviations."""
+        found = np.empty_like(pushes)
+        for one in self._segments:
+            np.matmul(one.moved, pushes[one.rows], out=found[one.rows])
+        found -= self._fixed @ (self._fixed.T @ found)
+        return found
+
+    def explain(self, changes: Array) -> None:
+        """Add (n, k) changes to the nuisance directions."""
+        # A gear whose knob never turns does nothing along its axis.
+        seen = changes[:, np.linalg.norm(changes, axis=0) > 0.0]
+        self._fixed = np.linalg.qr(np.column_stack([self._fixed, seen]))[0]
+        self.data = self.data - self._fixed @ (self._fixed.T @ self.data)
+
+    def white(self) -> Array:
+        """Return the most probable white noise in each row, (n,), over its variance [1/board edge]."""
+        found = np.empty(len(self.data))
+        for one in self._segments:
+            found[one.rows] = solve_triangular(one.factor, self.data[one.rows], lower=True, trans="T")
+        return found
+
+    def _whitened(self, changes: Array) -> Array:
+        found = np.empty_like(changes)
+        for one in self._segments:
+            found[one.rows] = _solved(one.factor, changes[one.rows])
+        return found
+
+    def _started(self, changes: Array) -> Array:
+        """Return changes (n, k) in standard deviations without the directions of start states."""
+        found = np.empty_like(changes)
+        for one in self._segments:
+            found[one.rows] = one.without_start(changes[one.rows])
+        return found
+
+
+class _Segment:
+    """A segment of m rows.
+
+    Parameters
+    ----------
+    rows : slice
+        Its rows.
+    covariance : (m, m) array
+        Covariance of a coordinate [board edges^2].
+    moved : (m, m) array
+        Displacements by pushes in m/s^2 [board edges].
+
+    Attributes
+    ----------
+    factor : (m, m) array
+        Cholesky factor of the covariance.
+    moved : (m, m) array
+        Displacements by pushes in m/s^2 without the directions of start states, in standard deviations.
+    """
+
+    def __init__(self, rows: slice, covariance: Array, moved: Array) -> None:
+        self.rows, self.factor = rows, cholesky(covariance, lower=True, check_finite=False)
+        time = np.linspace(-1.0, 1.0, len(covariance))
+        self._start = np.linalg.qr(_solved(self.factor, np.column_stack([np.ones_like(time), time])))[0]
+        self.moved = self.without_start(_solved(self.factor, moved))
+
+    def without_start(self, changes: Array) -> Array:
+        """Return changes (m, k) in standard deviations without the directions of start states."""
+        return np.asarray(changes - self._start @ (self._start.T @ changes))
+
+
+def _solved(factor: Array, changes: Array) -> Array:
+    return np.asarray(solve_triangular(factor, changes, lower=True, check_finite=False))
+
+
+def _covariance(noise: Array, moved: Array, row_s: float) -> Array:
+    """Return the covariance (m, m) of displacements without the white noise [board edges^2].
+
+    Parameters
+    ----------
+    noise : (10,) array
+        Noise sizes of the filter.
+    moved : (m, m) array
+        Displacements by pushes in m/s^2 [board edges].
+    row_s : float
+        Duration of a row [s].
+    """
+    rows = len(moved)
+    apart = row_s * np.abs(np.subtract.outer(np.arange(rows), np.arange(rows)))
+    lasting = (noise[LASTING] / SCALE_OF_NORMAL) ** 2 * np.exp(-apart / noise[LASTING_S])
+    pushes = noise[PUSH] / row_s * np.eye(rows) + noise[PULL] ** 2 * np.exp(-apart / noise[PULL_S])
+    return np.asarray(lasting + moved @ pushes @ moved.T)
