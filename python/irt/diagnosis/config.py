@@ -40,9 +40,12 @@ KICKS, MEANS = (0.003, 0.01, 0.03, 0.1), (0.0005, 0.03, 0.1)
 #: Largest ratio of the spread of delays to their mean: 1 for exponential delays, and up to 2 where later
 #: commands overtake earlier ones.
 SPREAD = 2.5
-#: Smallest increase of the held-out error without an effect, as a share of the tracker's noise: sqrt(2) - 1,
-#: as if the tracker's variance doubled.
-MATTERS = 0.41
+#: Residuals exceed the tracker's noise if their standard deviation is larger by this share: sqrt(2) - 1, as
+#: if the variance doubled.
+EXCEEDS = 0.41
+#: Smallest increase of the mean absolute held-out error without an effect, as a share of the standard
+#: deviation of the tracker's noise: the same for normal noise, (sqrt(2) - 1) sqrt(2 / pi).
+MATTERS = 0.33
 #: Smallest probability of effects and sets that are mentioned, and most sets that are kept as plausible.
 MENTIONED, PLAUSIBLE = 0.01, 6
 #: Largest difference of log posteriors between sets that tie for any held-out errors [nats]: odds of 20 to 1.

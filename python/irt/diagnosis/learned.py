@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.regressors import likely_terms
+from irt.diagnosis.regressors import terms_of_motion, terms_of_residuals
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import PUSH, Scored, Scores
 from irt.diagnosis.selection import Report
@@ -41,12 +41,20 @@ def learn(parent: Scored, report: Report) -> Scored | None:
 
 
 def _with_another(parent: Scored, now: Scored, report: Report) -> Scored | None:
-    """Return the most probable set with one more term."""
-    tried = []
-    for term in likely_terms(now, None if parent.effects else parent):
-        report(f"a push that depends on {term.variable}")
-        tried.append(_first(parent, now, (*now.terms, term)))
-    return _thorough(max(tried, key=_finite)) if tried else None
+    """Return the most probable set with one more term.
+
+    Residuals of predictions are looked at only if the observed motion shows no term that gains.
+    """
+
+    def tried(terms: list[Term]) -> list[Scored]:
+        for term in terms:
+            report(f"a push that depends on {term.variable}")
+        return [_first(parent, now, (*now.terms, term)) for term in terms]
+
+    found = [] if parent.effects else tried(terms_of_motion(now, parent))
+    if not any(one.score > now.score + config.SURE for one in found) and (now.terms or not found):
+        found += tried(terms_of_residuals(now))
+    return _thorough(max(found, key=_finite)) if found else None
 
 
 def _first(parent: Scored, now: Scored, terms: tuple[Term, ...]) -> Scored:

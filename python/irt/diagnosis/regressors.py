@@ -64,29 +64,29 @@ SHARES = (1.0, 0.1, 0.01)
 AT = 0.1
 
 
-def likely_terms(now: Scored, base: Scored | None) -> list[Term]:
-    """Return the terms that explain most of the observed motion and of the residuals of predictions.
+def terms_of_motion(now: Scored, base: Scored) -> list[Term]:
+    """Return the terms that explain most of the observed motion, of several families.
+
+    The observed motion reveals pushes whatever the predictions are, but only if commands act unchanged.
 
     Parameters
     ----------
     now : Scored
-        A set of effects, including the terms learned so far.
-    base : Scored or None
-        The five parameters alone, if the terms are all that the set has besides: the observed motion reveals
-        pushes only if commands act unchanged.
-
-    Returns
-    -------
-    list of Term
-        For the observed motion the best terms of several families, and for residuals at each horizon the best
-        term, if they explain more than chance does in a library of this size.
+        The five parameters with the terms learned so far.
+    base : Scored
+        The five parameters alone.
     """
-    found = [] if base is None else _likely(now, _free(base, SEEN, weak=True), base, FAMILIES)
-    if now.terms or base is None:
-        # Long segments reveal small pushes; in short segments predictions do not diverge.
-        for rows in HORIZONS if now.terms else HORIZONS[:1]:
-            found += _likely(now, _free(now, rows, weak=False), now, 1)
-    return found
+    return _likely(now, _free(base, SEEN, weak=True), base, FAMILIES)
+
+
+def terms_of_residuals(now: Scored) -> list[Term]:
+    """Return the term that explains most of the residuals of a set's predictions, at each horizon.
+
+    Long segments reveal small pushes; in short segments predictions do not diverge. Without a learned term
+    they diverge early.
+    """
+    horizons = HORIZONS if now.terms else HORIZONS[:1]
+    return [term for rows in horizons for term in _likely(now, _free(now, rows, weak=False), now, 1)]
 
 
 def _free(one: Scored, longest: int, *, weak: bool) -> Free:

@@ -182,4 +182,4 @@ class Relevance:
 
 def _is_exact(one: Scored) -> bool:
     """Whether the residuals of free runs are about the tracker's noise, so that their values gain nothing."""
-    return one.fitted.noise < (1.0 + config.MATTERS) * one.dataset.noise
+    return one.fitted.noise < (1.0 + config.EXCEEDS) * one.dataset.noise

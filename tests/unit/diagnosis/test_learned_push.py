@@ -7,7 +7,7 @@ from irt.catalogue import effect
 from irt.diagnosis import config
 from irt.diagnosis.formula import formula, variables
 from irt.diagnosis.learned import learn
-from irt.diagnosis.regressors import likely_terms
+from irt.diagnosis.regressors import terms_of_motion
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scores
 
@@ -23,7 +23,7 @@ def wave(**changes):
 
 def likely(dataset):
     base = Scores(dataset).base()
-    return likely_terms(base, base)
+    return terms_of_motion(base, base)
 
 
 def likeliest(dataset):
@@ -49,7 +49,7 @@ def test_a_push_that_comes_and_goes_with_time_is_found_with_its_rate(plant):
     gust = {"name": UNLISTED, "push_1_y_m_per_s2": 0.02, "rate_1_per_s": 9.0}
     dataset = plant([gust], runs=6)
     base = Scores(dataset).base()
-    first = likely_terms(base, base)[0]
+    first = terms_of_motion(base, base)[0]
     assert first.variable == "time"
     time_scale = base.values["time_scale"]
     # Without stamps time is known up to the time scale.
