@@ -125,14 +125,16 @@ class Relevance:
         """Whether an effect matters to predictions of held-out recordings.
 
         Delay jitter does not improve predictions, so only its likelihood counts. It must be finite: the
-        spread must be compatible with the mean, also for values from free runs.
+        spread must be compatible with the mean, also for values from free runs. Likelihoods alone do not
+        count if the recordings agree that errors are smaller without the effect: then the random push, which
+        the likelihoods contain, stands for something else.
         """
         if name == JITTER:
             return math.isfinite(one.score)
         noise, without = one.dataset.noise, self.without(one, name)
         if self.loss(one, name) >= config.MATTERS * noise:
             return True
-        if not self.validation.is_likelier(one, without):
+        if not self.validation.is_likelier(one, without) or self.validation.is_better(without, one):
             return False
         gain = float(self.validation.likelihood_gains(one, without).sum())
         return gain > config.CLOSE or self.validation.difference(one, without) >= noise

@@ -82,15 +82,16 @@ def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
 def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:
     """Return a set with a learned correction that is more probable than the best set, or None.
 
-    A correction is learned if the best set needs a random push, or delays that jitter, and if a share of the
-    error remains. It is learned in addition to the set and in place of it, because effects may only have
-    approximated it. A slope map is always challenged by a correction, because it can approximate one.
+    A correction is learned if the best set needs a random push, correlated noise or delays that jitter, and
+    if a share of the error remains. It is learned in addition to the set and in place of it, because effects
+    may only have approximated it. A slope map is always challenged by a correction, because it can
+    approximate one.
     """
     scores, report = relevance.selection.scores, relevance.selection.report
     base = scores.base()
     left = relevance.validation.of(kept).mae / relevance.validation.of(base).mae
     in_place = [relevance.selection.without(best, MAP)] if MAP in best.effects else []
-    is_random = JITTER in best.effects or scores.push(best) >= config.SURE
+    is_random = JITTER in best.effects or not relevance.selection.is_whole(best)
     is_enough = not in_place and (not is_random or left < config.WORTH)
     if is_enough:
         return None

@@ -139,7 +139,7 @@ class Selection:
         better: Scored | None = best
         while better is not None:
             own, better = frozenset(best.effects), None
-            for step in challenges if self._is_whole(best) else additions:
+            for step in challenges if self.is_whole(best) else additions:
                 if better is None and (step.__name__, own) not in tried:
                     tried.add((step.__name__, own))
                     better = step(best)
@@ -149,7 +149,7 @@ class Selection:
         scored = [one for one in self.scores.known.values() if math.isfinite(one.score)]
         return Posterior(best, tuple(sorted(scored, key=lambda one: (-one.score, one.effects)) or [best]))
 
-    def _is_whole(self, one: Scored) -> bool:
+    def is_whole(self, one: Scored) -> bool:
         """Whether random push and correlated noise gain less than an additional effect would have to."""
         needed = self.scores.price([*one.effects, MEAN]) - self.scores.price(one.effects) + config.SURE
         return self.scores.loss_without(one, [PUSH, PULL, LASTING]) < needed
