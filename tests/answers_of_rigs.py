@@ -29,7 +29,7 @@ EXTRAS += ("rosbags", "sbi", "torch")
 #: Bundled rigs, which are tuned.
 BUNDLED = ("demo-rig", "labyrinth", "labyrinth-heldout")
 
-#: Simulated rigs, which are diagnosed: their effects. The lag and the two are too small here.
+#: Simulated rigs, which are diagnosed: their effects. The two are too small here.
 SIMULATED: dict[str, Sequence[Mapping[str, Any]]] = {
     "nothing missing": (),
     "parallax": ({"name": "parallax", "height_m_per_rad": 0.5},),

@@ -43,6 +43,25 @@ def names(found):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
+    ("values", "variable"),
+    [
+        ({"shape_1": 5.0, "brake_1_m_per_s2": 0.04, "way_1_per_m": 3.0, "drag_power": 0.0}, "path length"),
+        ({"mode_gain": 1.0, "mode_rate_rad_per_s": 5.0, "mode_damping": 0.1}, "tilt"),
+    ],
+    ids=["resistance that grows with the path", "resonance"],
+)
+def test_physics_outside_the_catalogue_is_learned_and_not_named(values, variable):
+    """No other effect stands in for it, although a random push hides on what the push depends."""
+    found = irt.diagnose(hidden({"name": "unlisted", **values}))
+    assert found.verdict == "unlisted"
+    assert [one.name for one in found.effects] == ["unlisted"]
+    assert variable in found.summary
+    assert found.final_heldout_mae < 2.0 * FLOOR
+    assert found.final_heldout_mae < 0.3 * found.base_heldout_mae
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
     ("name", "values", "engine"),
     [
         ("backlash", {"width_x_rad": 0.03, "width_y_rad": 0.05}, "rapier"),

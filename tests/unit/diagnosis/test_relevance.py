@@ -84,3 +84,14 @@ def test_values_from_free_runs_that_undo_an_effect_are_rejected(plant, monkeypat
         Scores, "freed", lambda _, one: replace(one, top=replace(one.top, values=values), filtered=one)
     )
     assert relevance.freed(best).is_free is not undone
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_likelihoods_alone_count_unless_errors_refuse_the_effect(plant, monkeypatch, refused):
+    dataset = plant([DELAY], runs=4, rows=60, stamped=True)
+    selection = Selection(Scores(dataset), ("delay",), lambda _: None)
+    relevance = Relevance(selection, selection.run())
+    monkeypatch.setattr(Relevance, "loss", lambda *_: 0.0)
+    monkeypatch.setattr(Validation, "is_better", lambda *_: refused)
+    kept, _ = relevance.kept(relevance.posterior.best)
+    assert bool(kept.effects) is not refused
