@@ -56,6 +56,7 @@ def test_physics_outside_the_catalogue_is_learned_and_not_named(values, variable
     assert found.verdict == "unlisted"
     assert [one.name for one in found.effects] == ["unlisted"]
     assert variable in found.summary
+    assert found.inclusion == {}
     assert found.final_heldout_mae < 2.0 * FLOOR
     assert found.final_heldout_mae < 0.3 * found.base_heldout_mae
 

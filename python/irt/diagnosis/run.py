@@ -74,6 +74,7 @@ def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
     kept, immaterial = relevance.kept(relevance.freed(posterior.best))
     learned = _learned(relevance, kept, posterior.best)
     if learned is not None:
+        relevance = Relevance(selection, posterior.beside(learned))
         kept, more = relevance.kept(relevance.freed(learned))
         immaterial |= more
     return Answer(kept, relevance, immaterial).diagnosis(report)

@@ -12,6 +12,7 @@ import numpy as np
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, MEAN, ON_AVERAGE, SMOOTHED
 from irt.diagnosis.maxima import promising, without_pull
+from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import KICK, LASTING, PULL, PUSH, Array, Scored, Scores, quiet
 from irt.diagnosis.screening import Promise, Screening, child, place_of
 from irt.diagnosis.validation import Validation
@@ -40,6 +41,10 @@ class Posterior:
         # Rounding may raise the sum above 1.
         return min(1.0, float(probabilities([one.score for one in self.sets])[with_it].sum()))
 
+    def beside(self, one: Scored) -> Posterior:
+        """Return the posterior with one more set, which is the most probable one."""
+        return Posterior(one, (one, *self.sets))
+
     def likely(self, answer: Scored, renamed: Sequence[Scored] = ()) -> list[tuple[Scored, float]]:
         """Return the sets that are worth a mention, with probabilities that add up to 1.
 
@@ -63,15 +68,15 @@ class Posterior:
         return [(one, chance / total) for one, chance in found]
 
     def probabilities(self, immaterial: Container[str]) -> dict[str, float]:
-        """Return the probabilities of effects above `config.MENTIONED`.
+        """Return the probabilities of effects of the catalogue above `config.MENTIONED`.
 
         Parameters
         ----------
         immaterial : container of str
             Effects to leave out because they do not matter: they describe differences between engines.
         """
-        names = sorted({name for one in self.sets for name in one.effects if name not in immaterial})
-        found = {name: self.any_of([name]) for name in names}
+        names = {name for one in self.sets for name in one.effects if name not in immaterial} - {UNLISTED}
+        found = {name: self.any_of([name]) for name in sorted(names)}
         return {name: chance for name, chance in found.items() if chance > config.MENTIONED}
 
 
