@@ -48,9 +48,6 @@ class Displacements:
     ----------
     rows : Rows
         The n rows of all segments.
-    log_likelihood : float
-        Log restricted likelihood of the residuals without any push but the random one [nats], up to a
-        constant.
     """
 
     def __init__(self, free: Free, noise: Array, variances: Array, row_s: float, edge_m: float) -> None:
@@ -66,7 +63,11 @@ class Displacements:
                 own = covariance[:size, :size] + np.diag(variances[rows, axis])
                 segments.append(_Segment(rows, own, moved[:size, :size]))
             self._axes.append(_Axis(segments, residuals[:, axis], fixed[axis]))
-        self.log_likelihood = sum(one.log_likelihood for one in self._axes)
+
+    @property
+    def log_likelihood(self) -> float:
+        """Log restricted likelihood of the residuals, up to a constant [nats]."""
+        return -sum(one.log_determinant for one in self._axes) - 0.5 * self.total
 
     @property
     def total(self) -> float:
@@ -112,8 +113,9 @@ class _Axis:
     ----------
     data : (n,) array
         Residuals without the nuisance directions, in standard deviations.
-    log_likelihood : float
-        Their log restricted likelihood, up to a constant [nats].
+    log_determinant : float
+        Half of the logarithm of the determinants of their covariance and of the information on the nuisance
+        directions.
     """
 
     def __init__(self, segments: Sequence[_Segment], residuals: Array, fixed: Array) -> None:
@@ -126,7 +128,7 @@ class _Axis:
         self._fixed = left[:, singular > _LEAST]
         self.data = data[:, 0]
         logs = [np.log(np.abs(np.diag(one))).sum() for one in (*(one.factor for one in segments), triangle)]
-        self.log_likelihood = -float(np.sum(logs)) - 0.5 * float(self.data @ self.data)
+        self.log_determinant = float(np.sum(logs))
 
     def moved(self, pushes: Array) -> Array:
         """Return displacements by pushes [m/s^2], (n, k), in standard deviations."""

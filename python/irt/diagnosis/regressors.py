@@ -67,7 +67,7 @@ AT = 0.1
 def terms_of_motion(now: Scored, base: Scored) -> list[Term]:
     """Return the terms that explain most of the observed motion, of several families.
 
-    The observed motion reveals pushes whatever the predictions are, but only if commands act unchanged.
+    The observed motion reveals pushes however poor predictions are, but only if commands act unchanged.
 
     Parameters
     ----------
