@@ -6,12 +6,14 @@ else, and the procedure repeats on the new residuals. Terms, effects and a rando
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.regressors import terms_of_motion, terms_of_residuals
+from irt.diagnosis.regressors import terms_of_motion, terms_of_residuals, worth
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import PUSH, Scored, Scores
 from irt.diagnosis.selection import Report
@@ -23,8 +25,9 @@ Array = NDArray[np.float64]
 def learn(parent: Scored, report: Report) -> Scored | None:
     """Add terms to a set while its score grows; return None if no term is worth its price.
 
-    One term without a gain is allowed, because it may gain with the next: on a board with waves in two
-    directions, one of them alone predicts nothing. Terms that become superfluous are removed.
+    One term without a gain is allowed if its worth is no chance, because it may gain with the next: on a
+    board with waves in two directions, one of them alone predicts nothing. Terms that become superfluous are
+    removed.
     """
     best, now, doubted = parent, parent, False
     while (found := _with_another(parent, now, report)) is not None:
@@ -33,7 +36,7 @@ def learn(parent: Scored, report: Report) -> Scored | None:
             best, doubted = now, False
             if Scores.of(now).push(now) < config.SURE:
                 break
-        elif doubted:
+        elif doubted or worth(now.terms[-1]) < math.log(config.LIBRARY) + config.SURE:
             break
         else:
             doubted = True
@@ -52,7 +55,7 @@ def _with_another(parent: Scored, now: Scored, report: Report) -> Scored | None:
         return [_first(parent, now, (*now.terms, term)) for term in terms]
 
     found = [] if parent.effects else tried(terms_of_motion(now, parent))
-    if not any(one.score > now.score + config.SURE for one in found) and (now.terms or not found):
+    if not any(one.score > now.score + config.SURE for one in found):
         found += tried(terms_of_residuals(now))
     return _thorough(max(found, key=_finite)) if found else None
 

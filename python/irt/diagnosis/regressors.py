@@ -54,7 +54,7 @@ PRICE = 3.0
 NEAR, FAMILIES = 0.7, 3
 #: Most rows of segments of the observed motion; the displacement by a push grows with the square of the time.
 SEEN = 60
-#: Most rows of segments of predictions, once a term is learned.
+#: Most rows of segments of predictions.
 HORIZONS = (LONGEST, 60, 120)
 #: Most rows in total.
 MOST_ROWS = 1200
@@ -82,11 +82,14 @@ def terms_of_motion(now: Scored, base: Scored) -> list[Term]:
 def terms_of_residuals(now: Scored) -> list[Term]:
     """Return the term that explains most of the residuals of a set's predictions, at each horizon.
 
-    Long segments reveal small pushes; in short segments predictions do not diverge. Without a learned term
-    they diverge early.
+    Long segments reveal small pushes; in short segments predictions do not diverge.
     """
-    horizons = HORIZONS if now.terms else HORIZONS[:1]
-    return [term for rows in horizons for term in _likely(now, _free(now, rows, weak=False), now, 1)]
+    return [term for rows in HORIZONS for term in _likely(now, _free(now, rows, weak=False), now, 1)]
+
+
+def worth(term: Term) -> float:
+    """Return the gain in log-likelihood by a term minus the price of its parameters [nats]."""
+    return term.gain - PRICE * len(term.free)
 
 
 def _free(one: Scored, longest: int, *, weak: bool) -> Free:
@@ -147,11 +150,10 @@ class Regressors:
         """Return the best terms of at most `families` families that gain more than their parameters cost."""
         best: dict[tuple[str, ...], tuple[float, Term]] = {}
         for one in self._candidates(terms):
-            worth = one.gain - PRICE * len(one.free)
-            if worth > best.get(one.family, (0.0,))[0]:
-                best[one.family] = (worth, one)
+            if worth(one) > best.get(one.family, (0.0,))[0]:
+                best[one.family] = (worth(one), one)
         ranked = sorted(best.values(), key=lambda one: -one[0])[:families]
-        return [one for worth, one in ranked if worth > NEAR * ranked[0][0]]
+        return [one for value, one in ranked if value > NEAR * ranked[0][0]]
 
     def take(self, term: Term) -> None:
         """Remove a term of any strength from the residuals."""
