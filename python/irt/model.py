@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irt import arguments, catalogue, display
+from irt.dimensions import check_room
 from irt.engine import TimeStep, rollouts
 from irt.errors import IrtError, located, unknown_name
 from irt.files import PathLike, TomlTable, file_or_inside, read_toml, write_atomic
@@ -127,6 +128,7 @@ class Model:
             ("tilt", TiltSensor),
         ):
             arguments.instance(field_name, getattr(self, field_name), kind)
+        check_room(self.board, self.marble)
         if self.maze is not None:
             arguments.instance("maze", self.maze, Maze).check(self.board, self.marble)
         arguments.word("start", self.start, get_args(Start))
