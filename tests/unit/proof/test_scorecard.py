@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 
 from irt.catalogue import hypothetical
+from irt.proof import figures
 from irt.proof.contest import METHODS
 from irt.proof.contested import Contestant
 from irt.proof.hash_chain import CHAIN, Places, verify
+from irt.proof.metrics import power
 from irt.proof.results import Results
 from irt.proof.score import Budget
 from irt.proof.scorecard import verdict, write_scorecard
@@ -75,6 +77,18 @@ def test_a_full_proof_is_not_called_smaller(score, places, tmp_path: Path) -> No
     scores = (*(score(budget=None) for _ in range(300)), *(score("none") for _ in range(300)))
     page = write_scorecard(tmp_path / "proof.md", Results(scores), places, SETTINGS)
     assert "smaller" not in page.read_text()
+
+
+def test_the_picture_of_power_says_how_many_rigs_a_point_stands_for(results: Results, tmp_path: Path) -> None:
+    figures.plot_power(tmp_path / "power.svg", results.scores)
+    texts = re.findall("<tspan[^>]*>([^<]+)<|<text[^>]*>([^<]+)<", (tmp_path / "power.svg").read_text())
+    written = [one or other for one, other in texts]
+    counts = [
+        f"{one.rate.of} rig{'' if one.rate.of == 1 else 's'}" for one in power(results.scores) if one.rate.of
+    ]
+    assert counts
+    assert [one for one in written if re.fullmatch(r"\d+ rigs?", one)] == counts
+    assert not any("below" in one for one in written)
 
 
 def test_answers_by_world(page: Path) -> None:
