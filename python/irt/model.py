@@ -121,13 +121,9 @@ class Model:
     posterior: tuple[Component, ...] = ()
 
     def __post_init__(self) -> None:
-        for field_name, kind in (
-            ("board", Board),
-            ("marble", Marble),
-            ("commands", Commands),
-            ("tilt", TiltSensor),
-        ):
-            arguments.instance(field_name, getattr(self, field_name), kind)
+        kinds = {"board": Board, "marble": Marble, "commands": Commands, "tilt": TiltSensor}
+        for name, kind in kinds.items():
+            arguments.instance(name, getattr(self, name), kind)
         check_room(self.board, self.marble)
         if self.maze is not None:
             arguments.instance("maze", self.maze, Maze).check(self.board, self.marble)
