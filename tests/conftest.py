@@ -9,21 +9,46 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-from collections.abc import Callable, Mapping, Sequence
+import gc
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from numpy.typing import ArrayLike
 
 from irt.cli.__main__ import main
 from irt.recording import save_recording
 
+# A shell ignores SIGINT in what it starts in the background, and so would the programs that tests send it to.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# A busy machine exceeds any deadline. `make test` names the profile ci, with twice as many examples.
+settings.register_profile("quick", deadline=None, max_examples=50)
+settings.load_profile("quick")
+
 ROOT = Path(__file__).resolve().parents[1]
 
 #: Called with recordings by name, each (knobs, marble) or (knobs, marble, stamps), and the text of rig.toml.
 WriteRig = Callable[..., Path]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Collect without looking for cycles, and never look through modules again, which stay to the end.
+
+    With torch, matplotlib and all tests in memory, looking through everything takes a quarter of a second.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 class Outcome(NamedTuple):

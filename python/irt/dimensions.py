@@ -79,7 +79,8 @@ class Marble:
     damping_per_s: float = 0.0
 
     def __post_init__(self) -> None:
-        check_number("radius_m", self.radius_m, _TINY, 10.0, " m")
+        # An upper bound of 1 m detects radii given in millimetres.
+        check_number("radius_m", self.radius_m, _TINY, 1.0, " m")
         check_number("mass_kg", self.mass_kg, _TINY, 1000.0, " kg")
         check_number("damping_per_s", self.damping_per_s, 0.0, 1000.0, " per second")
 
@@ -132,6 +133,15 @@ class TiltSensor:
             raise IrtError(f"offset: the range [{low}, {high}] is upside down; expected [low, high]")
         for end in self.offset:
             check_number("offset", end, -1.0, 1.0, " rad")
+
+
+def check_room(board: Board, marble: Marble) -> None:
+    """Raise `IrtError` unless the marble can move between the walls of the board."""
+    if 2.0 * marble.radius_m >= min(board.edge_x_m, board.edge_y_m):
+        raise IrtError(
+            f"radius_m: a marble of {marble.radius_m:g} m does not fit between the walls of a board of "
+            f"{board.edge_x_m:g} m x {board.edge_y_m:g} m"
+        )
 
 
 def check_number(name: str, value: float, low: float, high: float, unit: str = "") -> None:

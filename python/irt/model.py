@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irt import arguments, catalogue, display
+from irt.dimensions import check_room
 from irt.engine import TimeStep, rollouts
 from irt.errors import IrtError, located, unknown_name
 from irt.files import PathLike, TomlTable, file_or_inside, read_toml, write_atomic
@@ -120,13 +121,10 @@ class Model:
     posterior: tuple[Component, ...] = ()
 
     def __post_init__(self) -> None:
-        for field_name, kind in (
-            ("board", Board),
-            ("marble", Marble),
-            ("commands", Commands),
-            ("tilt", TiltSensor),
-        ):
-            arguments.instance(field_name, getattr(self, field_name), kind)
+        kinds = {"board": Board, "marble": Marble, "commands": Commands, "tilt": TiltSensor}
+        for name, kind in kinds.items():
+            arguments.instance(name, getattr(self, name), kind)
+        check_room(self.board, self.marble)
         if self.maze is not None:
             arguments.instance("maze", self.maze, Maze).check(self.board, self.marble)
         arguments.word("start", self.start, get_args(Start))

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from irt import arguments
-from irt.dimensions import TILT_OFFSET_RAD, Board, Commands, Marble, TiltSensor, check_number
+from irt.dimensions import TILT_OFFSET_RAD, Board, Commands, Marble, TiltSensor, check_number, check_room
 from irt.errors import IrtError, located, unknown_name
 from irt.files import PathLike, TomlTable, read_toml
 from irt.maze import Maze, read_maze
@@ -124,6 +124,7 @@ class Rig:
         object.__setattr__(self, "ranges", _checked_ranges(self.ranges))
         recordings = arguments.listed("recordings", self.recordings, Recording)
         object.__setattr__(self, "recordings", recordings)
+        check_room(self.board, self.marble)
         if self.maze is not None:
             arguments.instance("maze", self.maze, Maze).check(self.board, self.marble)
         if recordings:
@@ -397,8 +398,7 @@ def read_dimensions(table: TomlTable) -> tuple[Board, Marble]:
         board = Board(**board_table.numbers(*board_keys))
     with located(marble_table.where):
         marble = Marble(**marble_table.numbers(*marble_keys))
-    if 2.0 * marble.radius_m >= min(board.edge_x_m, board.edge_y_m):
-        raise marble_table.error("radius_m", f"{marble.radius_m} m does not fit between the walls")
+        check_room(board, marble)
     return board, marble
 
 

@@ -131,7 +131,7 @@ def test_ctrl_c_stops_a_process(tmp_path: Path, model: Path) -> None:
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     with pipe.open("w"):  # returns once the process has opened the other end, and waits there for lines
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=30)
+        out, err = process.communicate(timeout=120)
     assert (process.returncode, out, err) == (130, "", "irt: stopped\n")
 
 
@@ -155,7 +155,7 @@ def test_a_reader_that_has_enough_is_no_error(model: Path, long_commands: Path) 
         process.stdout.readline()
         process.stdout.close()
         assert process.stderr.read() == b""
-        assert process.wait(timeout=30) == 0
+        assert process.wait(timeout=120) == 0
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")

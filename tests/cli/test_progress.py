@@ -32,7 +32,7 @@ def test_long_work_shows_a_bar_and_wipes_it_away(monkeypatch) -> None:
 
 
 def test_short_work_shows_none(monkeypatch) -> None:
-    assert work(monkeypatch, Terminal(), patience_s=2.0) == ""
+    assert work(monkeypatch, Terminal(), patience_s=3600.0) == ""
 
 
 def test_without_a_terminal_there_is_none(monkeypatch) -> None:

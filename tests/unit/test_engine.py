@@ -261,14 +261,17 @@ def test_ctrl_c_stops_a_long_batch():
         "import numpy as np; from irt.engine import *; print('ready', flush=True);"
         "rollouts(np.tile([0.05, 0.05, 0.0, 5000.0, 1.0], (3000, 1)), paper_drive(1000), threads=1)"
     )
-    child = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert child.stdout is not None
-    assert child.stdout.readline() == "ready\n"
-    time.sleep(0.5)
-    child.send_signal(signal.SIGINT)
-    _, errors = child.communicate(timeout=20)
+    ) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "ready\n"
+        time.sleep(0.5)
+        child.send_signal(signal.SIGINT)
+        try:
+            _, errors = child.communicate(timeout=120)
+        finally:
+            child.kill()
     assert "KeyboardInterrupt" in errors
 
 

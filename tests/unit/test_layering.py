@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -102,7 +103,9 @@ def imports(name: str, path: Path) -> Iterator[str]:
         yield from (module for module in found if module.split(".")[0] == "irt" and module != name)
 
 
-GRAPH = {name: set(imports(name, path)) for name, path in SOURCES.items()}
+@cache
+def graph() -> dict[str, set[str]]:
+    return {name: set(imports(name, path)) for name, path in SOURCES.items()}
 
 
 def layer(module: str) -> str:
@@ -117,18 +120,18 @@ def test_every_module_has_a_layer() -> None:
 @pytest.mark.parametrize("name", sorted(SOURCES.keys() - {"irt"}))
 def test_imports_point_down(name: str) -> None:
     below = set(LAYERS[LAYERS.index(layer(name)) + 1 :])
-    for target in GRAPH[name] - {EXTENSION}:
+    for target in graph()[name] - {EXTENSION}:
         # `import irt` reaches every layer at once, so a layer that used it would import upwards.
         assert target != "irt", f"{name} imports the package itself: import the module that it needs"
         assert layer(target) == layer(name) or layer(target) in below, f"{name} imports {target} from above"
 
 
 def test_no_import_cycles() -> None:
-    TopologicalSorter(GRAPH).prepare()
+    TopologicalSorter(graph()).prepare()
 
 
 def test_four_doors_lead_to_the_engine() -> None:
-    doors = {name for name, targets in GRAPH.items() if EXTENSION in targets}
+    doors = {name for name, targets in graph().items() if EXTENSION in targets}
     assert doors == {"irt.engine", "irt.catalogue", "irt.fitting.problem", "irt.environment.vector"}
 
 
@@ -166,8 +169,8 @@ def test_help_answers_at_once() -> None:
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         return float(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
 
-    # Processor time, and the best of several: what other programs take from the machine is not measured.
-    assert min(seconds() for _ in range(5)) < 0.3
+    # Processor time, and one of several: what other programs take from the machine is not measured.
+    assert any(seconds() < 0.3 for _ in range(5))
 
 
 CRATE = PACKAGE.parents[1] / "crates" / "labsim" / "src"

@@ -165,6 +165,11 @@ def test_bad_model(tmp_path: Path, text: str, message: str) -> None:
         load_model(write(tmp_path, text))
 
 
+def test_a_marble_larger_than_the_board() -> None:
+    with pytest.raises(IrtError, match=r"radius_m: a marble of 0\.2 m does not fit between the walls"):
+        model(marble=Marble(radius_m=0.2))
+
+
 def test_from_rig(write_rig) -> None:
     arrays = (np.zeros((3, 2)), np.zeros((3, 2)))
     toml = (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from irt.errors import IrtError
-from irt.recording import CMD, save_recording
+from irt.recording import CMD, Recording, save_recording
 from irt.rig import PARAMETERS, RANGES, Board, Commands, Marble, Rig, TiltSensor, check_value, load_rig
 
 RUN = (np.zeros((3, 2)), np.zeros((3, 2)))
@@ -113,7 +113,7 @@ BAD = {
         "wall_restitution: expected a number from 0 to 1, found 1.5",
     ),
     "mass": ("[marble]\nmass_kg = -1\n", r"\[marble\]: mass_kg: expected a number from 1e-09 to 1000 kg"),
-    "too big": ("[marble]\nradius_m = 0.2\n", r"\[marble\], radius_m: 0\.2 m does not fit between the walls"),
+    "too big": ("[marble]\nradius_m = 0.2\n", r"\[marble\]: radius_m: a marble of 0\.2 m does not fit"),
     "start": ("[recordings]\nstart = 'movin'\n", r'start: unknown start "movin"; did you mean "moving"\?'),
     "start number": ("[recordings]\nstart = 1\n", "start: expected text in quotes, found 1"),
     "section": ("board = 3\n", r"board: expected a section \[board\], found 3"),
@@ -154,6 +154,17 @@ def test_dimensions_are_checked_in_python_too() -> None:
         Board(edge_x_m=float("nan"))
     with pytest.raises(IrtError, match="damping_per_s"):
         Marble(damping_per_s=-1.0)
+    with pytest.raises(IrtError, match="radius_m: expected a number from 1e-09 to 1 m, found 5"):
+        Marble(radius_m=5)
+
+
+def test_a_marble_has_room_between_the_walls() -> None:
+    run = Recording.from_arrays(commands=np.zeros((3, 2)), marble=np.zeros((3, 2)))
+    board = Board(0.276, 0.2)
+    assert Rig.from_recordings([run], board=board, marble=Marble(0.0999)).marble.radius_m == 0.0999
+    message = r"radius_m: a marble of 0\.1 m does not fit between the walls of a board of 0\.276 m x 0\.2 m"
+    with pytest.raises(IrtError, match=message):
+        Rig.from_recordings([run], board=board, marble=Marble(0.1))
 
 
 def test_check_value() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from irt import arguments
 from irt.environment.drawing import picture
 from irt.environment.vector import LabyrinthVectorEnv, Observation
 from irt.errors import IrtError
@@ -47,7 +48,10 @@ class LabyrinthEnv(gymnasium.Env[Any, Any]):
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Play a step."""
-        observed, rewards, terminated, truncated, infos = self._all.step(np.asarray(action)[None])
+        move = arguments.array("action", action)
+        if move.shape != self.action_space.shape:
+            raise IrtError(f"action: expected shape (2,), got {move.shape}")
+        observed, rewards, terminated, truncated, infos = self._all.step(move[None])
         return _first(observed), float(rewards[0]), bool(terminated[0]), bool(truncated[0]), _known(infos)
 
     @property

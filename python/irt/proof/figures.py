@@ -14,6 +14,7 @@ from irt.diagnosis.result import UNLISTED
 from irt.files import PathLike
 from irt.proof.metrics import CLEAR, Bin, Rate, calibration, confusion, coverage, gaps, of_catalogue, power
 from irt.proof.score import NOTHING, Budget, RigScore
+from irt.proof.wording import counted
 from irt.report import style
 
 #: Last entries of a confusion matrix, which are no effects of the catalogue.
@@ -36,10 +37,10 @@ def plot_confusion(path: PathLike, scores: Sequence[RigScore]) -> None:
     IrtError
         If the file cannot be written.
     """
-    counted = confusion(scores)
-    rows = _ordered({hidden for hidden, _ in counted})
-    columns = _ordered({named for _, named in counted} | set(rows) - {"failed"})
-    counts = np.array([[counted[row, column] for column in columns] for row in rows], dtype=np.float64)
+    rigs = confusion(scores)
+    rows = _ordered({hidden for hidden, _ in rigs})
+    columns = _ordered({named for _, named in rigs} | set(rows) - {"failed"})
+    counts = np.array([[rigs[row, column] for column in columns] for row in rows], dtype=np.float64)
     shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
     side = 0.235
     with style.drawing(path, max(4.0, 1.9 + side * len(columns)), max(2.6, 1.6 + side * len(rows))) as figure:
@@ -79,17 +80,15 @@ def plot_power(path: PathLike, scores: Sequence[RigScore]) -> None:
     with style.drawing(path, style.WIDTH, 3.0) as figure:
         axes = figure.subplots()
         _draw_rates(axes, np.arange(len(bins)), [one.rate for one in bins], style.TUNED)
-        axes.set_xticks(range(len(bins)), [_range(one) for one in bins])
+        axes.set_xticks(range(len(bins)), [f"{_range(one)}\n{counted(one.rate.of, 'rig')}" for one in bins])
         clear = [index for index, one in enumerate(bins) if one.low >= CLEAR]
         if clear:
             begin, end = clear[0] - 0.5, len(bins) - 0.5
             axes.plot([begin, end], [0.95, 0.95], color=style.INK, lw=0.9, ls=(0, (4, 3)))
             axes.text(begin, 0.935, "floor", fontsize=7.5, ha="left", va="top", color=style.MUTED)
-        for index, one in enumerate(bins):
-            axes.text(index, -0.01, f"{one.rate.of}", fontsize=7, ha="center", va="top", color=style.MUTED)
-        axes.set(xlim=(-0.5, max(len(bins) - 0.5, 0.5)), ylim=(-0.08, 1.04))
+        axes.set(xlim=(-0.5, max(len(bins) - 0.5, 0.5)), ylim=(0.0, 1.04))
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))
-        axes.set(xlabel="signal after refit over tracker noise (below: rigs)", ylabel="named, or in a tie")
+        axes.set(xlabel="signal after refit, in units of the tracker's noise", ylabel="named, or in a tie")
 
 
 def plot_gaps(
@@ -179,7 +178,7 @@ def plot_reliability(path: PathLike, scores: Sequence[RigScore]) -> None:
         for one in deciles:
             axes.text(one.mean, -0.03, f"{one.rate.of}", fontsize=7, ha="center", va="top", color=style.MUTED)
         axes.set(xlim=(-0.04, 1.04), ylim=(-0.12, 1.04))
-        axes.set(xlabel="stated probability (below: effects)", ylabel="effects that act")
+        axes.set(xlabel="stated probability (numbers: effects in each bin)", ylabel="effects that act")
         axes.xaxis.set_major_formatter(PercentFormatter(1.0))
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))
 

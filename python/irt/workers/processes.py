@@ -141,10 +141,11 @@ class LocalWorkers:
         """Yield (name, files written) for each completed job; Ctrl-C ends the processes first."""
         started = Started()
         with ThreadPoolExecutor(self._jobs) as pool:
-            tasks: dict[Future[Files], str] = {
-                pool.submit(run_module, module, files, words, started): name for name, files in inputs.items()
-            }
+            tasks: dict[Future[Files], str] = {}
             try:
+                # Ctrl-C may come while the first processes run and others are handed in.
+                for name, files in inputs.items():
+                    tasks[pool.submit(run_module, module, files, words, started)] = name
                 for done in as_completed(tasks):
                     yield tasks[done], done.result()
             finally:

@@ -11,7 +11,7 @@ from irt.diagnosis.validation import HeldOut, Validation
 DRAG = {"name": "viscous_drag", "rate_per_s": 0.8}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def two(plant):
     """The five-parameter model, and the model with the planted drag."""
     scores = Scores(plant([DRAG], runs=3, rows=60, stamped=True))

@@ -87,7 +87,7 @@ def test_a_set_is_better_where_the_recordings_agree(plant):
 
 
 def test_held_out_recordings_are_likelier_with_what_acts(plant):
-    one = fitted(plant([DRAG], runs=5, rows=110, stamped=True))
+    one = fitted(plant([DRAG], runs=4, rows=80, stamped=True))
     base = Scores(one.dataset).base()
     validation = Validation()
     assert validation.is_likelier(one, base)

@@ -57,7 +57,7 @@ def test_gymnasium_finds_nothing_wrong(observation):
 
 @pytest.mark.parametrize("observation", ["states", "dict", "pictures"])
 def test_observations_of_many_lie_in_their_space(observation):
-    envs = many(3, observation=observation, maze="cyberrunner-hard")
+    envs = many(3, observation=observation, maze="cyberrunner-easy")
     seen, _ = envs.reset(seed=3)
     assert seen in envs.observation_space
     for _ in range(8):
@@ -239,9 +239,12 @@ def test_wrong_options_are_one_line(options, message):
 @pytest.mark.parametrize(
     ("action", "message"),
     [
-        ([0.0], r"expected shape \(1, 2\), got \(1, 1\)"),
+        ([0.0], r"^action: expected shape \(2,\), got \(1,\)$"),
+        (0.0, r"^action: expected shape \(2,\), got \(\)$"),
+        ([[0.0, 0.0]], r"^action: expected shape \(2,\), got \(1, 2\)$"),
+        ([[0.0], [0.0, 0.0]], "^action must be an array of numbers"),
         ([np.nan, 0.0], "no number"),
-        (["left", "right"], "actions must be an array of numbers"),
+        (["left", "right"], "^action must be an array of numbers"),
     ],
 )
 def test_wrong_actions_are_one_line(action, message):

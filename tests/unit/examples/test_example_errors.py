@@ -1,13 +1,18 @@
 """A wrong input ends an example in one line, as it ends `irt`."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from irt.errors import IrtError
+
 pytest.importorskip("gymnasium")
+
+import mpc
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 #: Hides a package as if it were not installed.
@@ -36,9 +41,6 @@ def ran(*words, **environment):
     ("words", "status", "said"),
     [
         (("--model", "nowhere.toml"), 1, "mpc.py: nowhere.toml: no such file"),
-        (("--model", EXAMPLES), 1, "is a folder, where a file was expected"),
-        (("--maze", "cyberrunner-esay"), 1, 'did you mean "cyberrunner-easy"?'),
-        (("--tilt", "nan"), 1, "tilt_limit_rad: expected a number"),
         (("--seed", "-1"), 2, "--seed: expected a whole number from 0 on, found -1"),
     ],
 )
@@ -48,6 +50,20 @@ def test_a_wrong_input_is_one_line(words, status, said):
     assert said in lines[-1]
     assert len(lines) == 1 or status == 2
     assert not any("Traceback" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--model", str(EXAMPLES)), "is a folder, where a file was expected"),
+        (("--maze", "cyberrunner-esay"), 'did you mean "cyberrunner-easy"?'),
+        (("--tilt", "nan"), "tilt_limit_rad: expected a number"),
+    ],
+)
+def test_a_wrong_input_says_what_is_wrong(monkeypatch, words, said):
+    monkeypatch.setattr("sys.argv", ["mpc.py", *words])
+    with pytest.raises(IrtError, match=re.escape(said)):
+        mpc.main()
 
 
 def test_the_traceback_is_there_for_whoever_wants_it():

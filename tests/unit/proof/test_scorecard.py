@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 
 from irt.catalogue import hypothetical
+from irt.proof import figures
 from irt.proof.contest import METHODS
 from irt.proof.contested import Contestant
 from irt.proof.hash_chain import CHAIN, Places, verify
+from irt.proof.metrics import power
 from irt.proof.results import Results
 from irt.proof.score import Budget
 from irt.proof.scorecard import verdict, write_scorecard
@@ -57,6 +59,13 @@ def page(results: Results, finished: Path, tmp_path_factory: pytest.TempPathFact
     return write_scorecard(path, results, Places(finished), SETTINGS, publish=True)
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the pictures, which take most of the time, where a test looks at the text."""
+    for name in (one for one in vars(figures) if one.startswith("plot_")):
+        monkeypatch.setattr(figures, name, lambda *_: None)
+
+
 def test_it_opens_with_how_then_the_answer_then_what_failed(page: Path, results: Results) -> None:
     head = page.read_text().splitlines()[:14]
     assert head[0] == "# Proof by concealment"
@@ -71,10 +80,23 @@ def test_it_opens_with_how_then_the_answer_then_what_failed(page: Path, results:
     assert titles[:3] == ["What was found", "What failed", "Runs held out"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_full_proof_is_not_called_smaller(score, places, tmp_path: Path) -> None:
     scores = (*(score(budget=None) for _ in range(300)), *(score("none") for _ in range(300)))
     page = write_scorecard(tmp_path / "proof.md", Results(scores), places, SETTINGS)
     assert "smaller" not in page.read_text()
+
+
+def test_the_picture_of_power_says_how_many_rigs_a_point_stands_for(results: Results, tmp_path: Path) -> None:
+    figures.plot_power(tmp_path / "power.svg", results.scores)
+    texts = re.findall("<tspan[^>]*>([^<]+)<|<text[^>]*>([^<]+)<", (tmp_path / "power.svg").read_text())
+    written = [one or other for one, other in texts]
+    counts = [
+        f"{one.rate.of} rig{'' if one.rate.of == 1 else 's'}" for one in power(results.scores) if one.rate.of
+    ]
+    assert counts
+    assert [one for one in written if re.fullmatch(r"\d+ rigs?", one)] == counts
+    assert not any("below" in one for one in written)
 
 
 def test_answers_by_world(page: Path) -> None:
@@ -107,6 +129,7 @@ def test_what_failed_is_listed_with_its_reason(page: Path) -> None:
     assert "| false alarm | 1 |" in cases
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_nothing_failed(score, places, tmp_path: Path) -> None:
     page = write_scorecard(tmp_path / "proof.md", Results((score(), score("none"))), places, SETTINGS)
     text = page.read_text()
@@ -162,12 +185,14 @@ def test_the_chain_lies_beside_the_page_and_is_verified_there(page: Path, places
     assert verify(folder) == 3
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_where_nothing_is_copied_the_files_are_those_of_the_proof(results: Results, places, tmp_path) -> None:
     page = write_scorecard(tmp_path / "one.md", results, places, SETTINGS)
     assert "| `keys.json` |" in page.read_text()
     assert not (tmp_path / "one" / "keys.json").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_names_code_commit_and_seed(score, places, tmp_path: Path) -> None:
     provenance = {"world": "another engine", "code": "irt, code 12", "commit": "abc", "seed": "5"}
     results = Results((score(), score("none")), provenance=provenance)

@@ -27,20 +27,22 @@ def make_recording(name):
     phase = 2 * np.pi * np.arange(ROWS) / ROWS
     marble = 0.3 * np.stack([1 - np.cos(phase), -np.sin(phase)], axis=1)
     marble[list(LOST)] = np.nan
+    # Tests share it.
+    marble.setflags(write=False)
     return Recording(name, Path(f"{name}.csv"), np.zeros((ROWS, 2)), marble)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def recording():
     return make_recording("run-1")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def rig(recording):
     return Rig(Path("rig"), Board(), Marble(), "rest", dict(RANGES), (recording, make_recording("run-2")))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def result(rig):
     """Two starts; the winner's best iteration is not its last."""
 
@@ -52,7 +54,7 @@ def result(rig):
     return FitResult("irt", model, 0.002, estimates, 10, ("gears & time: <one> number",), (), 0, 1.5)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def predictions(recording, result):
     filled = np.nan_to_num(recording.marble)
     return [

@@ -42,12 +42,13 @@ class Outline(HTMLParser):
         return [attributes for name, attributes in self.tags if name == tag]
 
 
-@pytest.fixture
-def pictures(tmp_path, recording, predictions, result):
-    plots.plot_fit(tmp_path / "fit.svg", recording, predictions)
-    plots.plot_parameters(tmp_path / "parameters.svg", result)
-    plots.plot_paths(tmp_path / "paths.png", [(recording, predictions[0])])
-    return [Picture(path, f"caption of {path.name}") for path in sorted(tmp_path.iterdir())]
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory, recording, predictions, result):
+    folder = tmp_path_factory.mktemp("pictures")
+    plots.plot_fit(folder / "fit.svg", recording, predictions)
+    plots.plot_parameters(folder / "parameters.svg", result)
+    plots.plot_paths(folder / "paths.png", [(recording, predictions[0])])
+    return [Picture(path, f"caption of {path.name}") for path in sorted(folder.iterdir())]
 
 
 def tuning(**content):
@@ -68,7 +69,7 @@ def table(*args, **kwargs):
     return Outline(tuning(parameters=Table(*args, **kwargs)))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def full(pictures):
     return tuning(
         notes=["bullet"],

@@ -22,7 +22,7 @@ sent = Publisher(domain=77)
 qos = Qos(Policy.Reliability.BestEffort, Policy.DataRepresentation(use_cdrv0_representation=True))
 participant = DomainParticipant(77)
 reader = DataReader(participant, Topic(participant, "rt/marble/position", PointStamped, qos=qos), qos=qos)
-for _ in range(200):
+for _ in range(1000):
     sent.publish(0.125, -0.25, 1700000000.5)
     for one in reader.take(10):
         if hasattr(one, "point"):
@@ -42,6 +42,6 @@ def test_points_reach_a_reader_in_a_network_of_its_own() -> None:
     if subprocess.run(["unshare", "-n", "true"], capture_output=True, check=False).returncode:
         pytest.skip("this user may not make a private network (unshare -n)")
     command = ["unshare", "-n", "bash", "-c", NAMESPACE, "_", sys.executable, "-c", PEER]
-    ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.split() == ["0.125", "-0.25", "1700000000", "500000000", live.FRAME]

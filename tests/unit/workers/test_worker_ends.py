@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from irt.errors import IrtError
-from irt.workers.processes import run_module
+from irt.workers import Files
+from irt.workers.processes import LocalWorkers, run_module
 
 SLEEPER = (
     "import os, pathlib, time\n"
@@ -36,7 +37,7 @@ COMMAND = (
 
 
 def until(done: Callable[[], bool]) -> None:
-    end = time.monotonic() + 30.0
+    end = time.monotonic() + 120.0
     while not done():
         assert time.monotonic() < end
         time.sleep(0.02)
@@ -77,6 +78,25 @@ def test_a_process_ends_with_its_parent_and_leaves_no_folder(
     assert parent.returncode == status
     until(lambda: not alive(int(pid.read_text())))
     assert not list((tmp_path / "tmp").iterdir())
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are looked up in /proc")
+def test_ctrl_c_between_two_starts_ends_what_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "sleeper.py").write_text(SLEEPER + "pathlib.Path(os.environ['HOME'], 'awake').touch()\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    pid = tmp_path / "pid"
+
+    class Stopped(dict[str, Files]):
+        def items(self):
+            yield "first", {"a.csv": b"1"}
+            until(lambda: pid.exists() and pid.read_text() != "")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        list(LocalWorkers(2).each("sleeper", Stopped()))
+    assert not alive(int(pid.read_text()))
+    assert not (tmp_path / "awake").exists()
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
