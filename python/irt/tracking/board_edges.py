@@ -362,7 +362,7 @@ class BoardEdges:
         if not isinstance(level, Pose) or not self.clear:
             return False
         sides = self._places
-        surface = Pose(level.lens, level.rotation, level.origin, 0.0)
+        surface = level.surface
         there = surface.positions(sides.points)
         flat = np.column_stack([there, np.zeros(len(there))])
         small = 1e-3
