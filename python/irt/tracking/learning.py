@@ -27,6 +27,7 @@ from irt.tracking.emptied import changed, emptied
 from irt.tracking.finder import Finder
 from irt.tracking.geometry import Geometry
 from irt.tracking.light import Light, is_steady
+from irt.tracking.noise import noise_of
 from irt.tracking.separation import (
     FEWEST,
     Clue,
@@ -49,8 +50,6 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Scale = Callable[[float, float], float]
 
-#: Least noise [levels]: that of rounding, and of what the light does.
-QUIETEST = 1.0
 #: Pixels of the board that the colours are learned against, per picture.
 OTHERS = 4000
 #: A board on which this share of the sample shows two marbles at once has two.
@@ -215,12 +214,8 @@ def scale_of(geometry: Geometry, middle: tuple[float, float]) -> Scale:
 
 
 def _noise(pictures: Sequence[Picture], without: Picture, box: Box) -> float:
-    """Return the standard deviation of a colour about the median [levels]."""
-    rows, columns = box.slices
-    some = [one[rows, columns][::3, ::3].astype(np.int16) for one in pictures[:: max(len(pictures) // 8, 1)]]
-    apart = np.abs(np.stack(some) - without[rows, columns][::3, ::3].astype(np.int16))
-    # Levels are whole: the mean below a quantile says more than a median of three or four.
-    return max(QUIETEST, 1.25 * float(np.minimum(apart, np.quantile(apart, 0.9)).mean()) * 1.1)
+    """Return the standard deviation of a colour about the median in a box [levels]."""
+    return noise_of([one[box.slices] for one in pictures], without[box.slices])
 
 
 def _any() -> ColourModel:

@@ -15,6 +15,7 @@ from irt.tracking.corners import (
     TwoBoardsError,
     find_corners,
     find_corners_at_levels,
+    least_step,
     misshapen,
     ordered,
 )
@@ -39,9 +40,10 @@ def board_outline(pictures: list[Picture], lens: Lens | None, size: Size) -> tup
         If there are two boards.
     """
     first, middle = pictures[0], np.median(np.stack(pictures), axis=0).astype(np.uint8)
-    by_light = partial(find_corners, lens=lens, size=size)
+    least = least_step(pictures)
+    by_light = partial(find_corners, lens=lens, size=size, least=least)
     by_colour = partial(by_light, by_colour=True)
-    at_levels = partial(find_corners_at_levels, lens=lens, size=size)
+    at_levels = partial(find_corners_at_levels, lens=lens, size=size, least=least)
     ways = (
         (by_light, first, "found in the first picture"),
         (by_light, middle, "found in the median of the pictures"),
