@@ -205,7 +205,7 @@ def _board_outline(largest: Any, mask: Any, size: Size | None) -> Array:
     inside = (rough > 1).all() and (rough[:, 0] < width - 2).all() and (rough[:, 1] < height - 2).all()
     if not inside or cv2.contourArea(largest) < FILLED * cv2.contourArea(rough):
         raise IrtError("no board in the picture whose four sides are all in view, with nothing over them")
-    corners = clockwise(rough.astype(np.float64))
+    corners = _clockwise(rough.astype(np.float64))
     if size is not None:
         apart = abs(np.log(_ratio(*_sides(corners)) / _ratio(size.along_x, size.along_y)))
         if apart > np.log(SHORTENED):
@@ -360,7 +360,7 @@ def meet(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
     return np.asarray(start + parts[0] * way)
 
 
-def clockwise(corners: Array) -> Array:
+def _clockwise(corners: Array) -> Array:
     """Return corners (4, 2) in order, from that nearest to the picture's top left."""
     about = corners - corners.mean(axis=0)
     corners = corners[np.argsort(np.arctan2(about[:, 1], about[:, 0]))]

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from irt.errors import IrtError
 from irt.tracking.board_edges import BoardEdges
-from irt.tracking.board_lines import corners_by_lines
 from irt.tracking.corners import (
     MISSHAPEN,
     NEARER,
@@ -45,14 +44,12 @@ def board_outline(pictures: list[Picture], lens: Lens | None, size: Size) -> tup
     by_light = partial(find_corners, lens=lens, size=size, least=least)
     by_colour = partial(by_light, by_colour=True)
     at_levels = partial(find_corners_at_levels, lens=lens, size=size, least=least)
-    by_lines = partial(corners_by_lines, lens=lens, size=size)
     ways = (
         (by_light, first, "found in the first picture"),
         (by_light, middle, "found in the median of the pictures"),
         (by_colour, first, "found in the first picture by their colour"),
         (by_colour, middle, "found in the median of the pictures by their colour"),
         (at_levels, middle, "found in the median of the pictures at several levels"),
-        (by_lines, middle, "found in the median of the pictures by the lines of their sides"),
     )
     reasons, outlines = [], []
     for find, picture, words in ways:
