@@ -36,7 +36,19 @@ def changed(around: Sequence[Neighbourhood], noise: float) -> Mask:
     apart = (Coverage.of(*cut_out(around), noise, CELLS).lit < LIT).astype(np.uint8)
     # A cell alone is noise; the end of a shadow is soft.
     near = np.ones((3, 3), np.uint8)
-    return np.asarray(cv2.dilate(cv2.morphologyEx(apart, cv2.MORPH_OPEN, near), near), dtype=np.uint8)
+    _, parts = cv2.connectedComponents(cv2.morphologyEx(apart, cv2.MORPH_OPEN, near))
+    # A ball stands in its shadow: what does not touch the disc is something else's.
+    half = len(parts) // 2
+    own = np.unique(parts[half - CELLS : half + CELLS + 1, half - CELLS : half + CELLS + 1])
+    mine = np.isin(parts, own[own > 0]).astype(np.uint8)
+    return np.asarray(cv2.dilate(mine, near), dtype=np.uint8)
+
+
+def reaches_beyond(mask: Mask) -> bool:
+    """Return whether more than a disc's own place is changed, as of `changed`: it has a shadow beside it."""
+    half = len(mask) // 2
+    down, right = np.ogrid[-half : half + 1, -half : half + 1]
+    return bool(mask[np.hypot(right, down) > OWN * CELLS].any())
 
 
 def emptied(

@@ -23,7 +23,7 @@ from irt.tracking.candidates import candidates, within
 from irt.tracking.colour import ColourModel, shades_of
 from irt.tracking.contrast import Contrast
 from irt.tracking.edge_fit import Rim, fit_rim
-from irt.tracking.emptied import changed, emptied
+from irt.tracking.emptied import changed, emptied, reaches_beyond
 from irt.tracking.finder import Finder
 from irt.tracking.geometry import Geometry
 from irt.tracking.light import Light, is_steady
@@ -293,8 +293,9 @@ def _refined(
     scale, size = scale_of(geometry, known.middle), geometry.radius_at(known.middle)
     sized = [(index, replace(rim, radius=size * scale(rim.x, rim.y))) for index, rim in found]
     mask = changed(neighbourhoods(plain.pictures, sized, plain.known(known)), plain.noise)
-    known = replace(known, without=emptied(pictures, known.without, sized, mask))
-    plain = replace(plain, without=emptied(plain.pictures, plain.without, sized, mask))
+    if reaches_beyond(mask):
+        known = replace(known, without=emptied(pictures, known.without, sized, mask))
+        plain = replace(plain, without=emptied(plain.pictures, plain.without, sized, mask))
     aside = marble_beside(plain.pictures, sized, plain.known(known), clue, foot)
     alone = not clue.places and clue.colour is None
     try:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from irt.tracking.edge_fit import Rim
-from irt.tracking.emptied import changed, emptied
+from irt.tracking.emptied import changed, emptied, reaches_beyond
 from irt.tracking.shadow import Neighbourhood
 
 SIDE, RADIUS, NOISE = 160, 8.0, 1.5
@@ -52,6 +52,7 @@ def test_the_shadow_of_a_marble_that_rests_is_no_board() -> None:
         for index, rim in discs
     ]
     mask = changed(around, NOISE)
+    assert reaches_beyond(mask)
     found = emptied(pictures, median, discs, mask)
     for place in (shaded, disc(RESTS)[..., 0] > 0.99):
         assert np.abs(found[place] - board()[place]).mean() < 2.0
