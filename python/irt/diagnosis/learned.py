@@ -25,26 +25,27 @@ Array = NDArray[np.float64]
 def learn(parent: Scored, report: Report) -> Scored | None:
     """Add terms to a set while its score grows; return None if no term is worth its price.
 
-    One term without a gain is allowed if its worth is no chance, because it may gain with the next: on a
-    board with waves in two directions, one of them alone predicts nothing. Terms that become superfluous are
-    removed.
+    One term without a gain is allowed if the observed motion shows it by no chance, because it may gain with
+    the next: on a board with waves in two directions, one of them alone predicts nothing. Terms that become
+    superfluous are removed.
     """
     best, now, doubted = parent, parent, False
+    chance = math.log(config.LIBRARY) + config.SURE
     while (found := _with_another(parent, now, report)) is not None:
-        now = found
+        now, is_seen = found
         if now.score > best.score + config.SURE:
             best, doubted = now, False
             if Scores.of(now).push(now) < config.SURE:
                 break
-        elif doubted or worth(now.terms[-1]) < math.log(config.LIBRARY) + config.SURE:
+        elif doubted or not is_seen or worth(now.terms[-1]) < chance:
             break
         else:
             doubted = True
     return None if best is parent else _needed(best)
 
 
-def _with_another(parent: Scored, now: Scored, report: Report) -> Scored | None:
-    """Return the most probable set with one more term.
+def _with_another(parent: Scored, now: Scored, report: Report) -> tuple[Scored, bool] | None:
+    """Return the most probable set with one more term, and whether the observed motion shows the term.
 
     Residuals of predictions are looked at only if the observed motion shows no term that gains.
     """
@@ -54,10 +55,14 @@ def _with_another(parent: Scored, now: Scored, report: Report) -> Scored | None:
             report(f"a push that depends on {term.variable}")
         return [_first(parent, now, (*now.terms, term)) for term in terms]
 
-    found = [] if parent.effects else tried(terms_of_motion(now, parent))
-    if not any(one.score > now.score + config.SURE for one in found):
+    seen = [] if parent.effects else tried(terms_of_motion(now, parent))
+    found = list(seen)
+    if not any(one.score > now.score + config.SURE for one in seen):
         found += tried(terms_of_residuals(now))
-    return _thorough(max(found, key=_finite)) if found else None
+    if not found:
+        return None
+    best = max(found, key=_finite)
+    return _thorough(best), best in seen
 
 
 def _first(parent: Scored, now: Scored, terms: tuple[Term, ...]) -> Scored:

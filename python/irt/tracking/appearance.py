@@ -86,6 +86,8 @@ class Appearance:
         How far the middle of its rim is from that of what it covers [pixels].
     error : float
         Standard error of its middle, where only its shape shows that [pixels].
+    shift : (dx, dy)
+        From where its views had its middle to where that is, on average, where the scale is 1 [pixels].
     """
 
     layers: Values
@@ -93,6 +95,7 @@ class Appearance:
     radius: float
     apart: float = 0.0
     error: float = 0.0
+    shift: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         cv2 = opencv()

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.tracking.corners import fit_line, meet
+from irt.tracking.corners import fit_line, least_step, meet
 from irt.tracking.geometry import Geometry, Lens, Pose, Size
 from irt.tracking.opencv import opencv
 from irt.tracking.rims import POWER
@@ -29,9 +29,6 @@ POINTS, FIRST, LAST = 48, 0.06, 0.94
 FAR, LENGTH, STEPS = 5.0, 330.0, 20
 #: Samples on each side of an edge that say what is inside and outside.
 ENDS = 4
-#: Least difference of these [levels]: with noise of 4 levels and a blur of 2 pixels, a point of such an edge
-#: is known to 0.7 pixels, and a line through a side to 0.3.
-LEAST_LEVELS = 12.0
 #: Samples on each side of a step over which its height is measured: a lens blurs it over 2 pixels.
 BLURRED = 3
 #: How far a side is from where it was found, or in the picture before (standard deviation) [pixels of a side
@@ -135,11 +132,11 @@ def _directions(profiles: Array) -> Array:
     return np.repeat(np.where(np.median(sides, axis=1) < 0.0, -1.0, 1.0), sides.shape[1])
 
 
-def _roughly(profiles: Array, directions: Array, far: float) -> Array:
+def _roughly(profiles: Array, directions: Array, far: float, least: float) -> Array:
     """Return how far outside the likeliest step of each profile (n, samples) is (n,) [pixels]."""
     steps = directions[:, None] * _steps(profiles)
     best = np.argmax(steps * _near(steps.shape[1]), axis=1)
-    there = steps[np.arange(len(steps)), best] > LEAST_LEVELS
+    there = steps[np.arange(len(steps)), best] > least
     return np.where(there, (best + BLURRED) * 2.0 * far / STEPS - far, np.nan)
 
 
@@ -172,10 +169,10 @@ def _even_parts(profiles: Array) -> NDArray[np.bool_]:
     return chosen
 
 
-def _crossings(profiles: Array, far: float, even: NDArray[np.bool_]) -> Array:
+def _crossings(profiles: Array, far: float, even: NDArray[np.bool_], least: float) -> Array:
     """Return how far outside each point's edge is (n,) [pixels], NaN where there is none so far beside.
 
-    `even` (4, 2, samples) says what of a profile is inside and outside.
+    `even` (4, 2, samples) says what of a profile is inside and outside; these differ by `least` [levels].
     """
     parts = np.repeat(even / even.sum(axis=2, keepdims=True), len(profiles) // 4, axis=0)
     inside, outside = np.einsum("ns,nes->en", profiles, parts)
@@ -193,7 +190,7 @@ def _crossings(profiles: Array, far: float, even: NDArray[np.bool_]) -> Array:
     rows = np.arange(len(profiles))
     before, after = apart[rows, nearest], apart[rows, nearest + 1]
     places = starts[nearest] + step * before / np.where(before == after, 1.0, before - after)
-    return np.where(crosses.any(axis=1) & (contrast > LEAST_LEVELS), places, np.nan)
+    return np.where(crosses.any(axis=1) & (contrast > least), places, np.nan)
 
 
 def _smoothed(offsets: Array) -> Array:
@@ -256,6 +253,7 @@ class BoardEdges:
         self._lens = lens
         self.corners, self.error_px = corners, FAR
         self.missed = 0
+        self._least = least_step(pictures)
         self._residuals = np.zeros((3, 4 * POINTS))
         self._slopes: Array | None = None
         begin: Array | None = None
@@ -275,7 +273,7 @@ class BoardEdges:
                 ]
             )
             self._even = _even_parts((profiles / 255.0) ** POWER)
-            crossings = [_crossings(one, sides.far, self._even) for one in profiles]
+            crossings = [_crossings(one, sides.far, self._even, self._least) for one in profiles]
             offsets = shifts + _smoothed(np.array(crossings))
             seen = np.isfinite(offsets).mean(axis=0) > 0.5
             middle = np.array(
@@ -308,7 +306,7 @@ class BoardEdges:
         """
         for _ in range(2):
             profiles = _one_colour(sides.profiles(picture, shifts), self._colours)
-            steps = _roughly(profiles, self._directions, sides.far)
+            steps = _roughly(profiles, self._directions, sides.far, self._least)
             lines = _lines(steps[None])[0]
             seen = np.isfinite(steps).reshape(4, POINTS).mean(axis=1) >= ENOUGH
             near = np.abs(shifts + lines).reshape(4, POINTS).max(axis=1) < 2.0 * sides.far
@@ -355,14 +353,14 @@ class BoardEdges:
         if rough:
             about = self._lines_about(picture, sides, about)
         profiles = _one_colour(sides.profiles(picture, about), self._colours)
-        return np.asarray(about + _crossings(profiles, sides.far, self._even))
+        return np.asarray(about + _crossings(profiles, sides.far, self._even, self._least))
 
     def watch(self, level: Geometry, size: Size) -> bool:
         """Begin to measure the tilt; return whether the sides say it, which they do for a calibrated lens."""
         if not isinstance(level, Pose) or not self.clear:
             return False
         sides = self._places
-        surface = Pose(level.lens, level.rotation, level.origin, 0.0)
+        surface = level.surface
         there = surface.positions(sides.points)
         flat = np.column_stack([there, np.zeros(len(there))])
         small = 1e-3

@@ -63,6 +63,8 @@ class BoardTexture:
     ----------
     missed : int
         Pictures followed whose tilt could not be measured.
+    sample : list of Pose or None
+        The board in the pictures of the sample, None where too little of it is seen.
     """
 
     def __init__(self, pictures: Sequence[Picture], level: Pose, size: Size, *, mean: bool = False) -> None:
@@ -82,7 +84,7 @@ class BoardTexture:
         there, block = there[order], block[order]
         self._starts = np.searchsorted(block, np.arange(BLOCKS[0] * BLOCKS[1]))
         self._counts = np.diff(np.append(self._starts, len(block)))
-        surface = Pose(level.lens, level.rotation, level.origin, 0.0)
+        surface = level.surface
         flat = np.column_stack([there, np.zeros(len(there))])
         self._points = surface.project(flat)
         self._bent = _motion(surface, flat)
@@ -102,6 +104,7 @@ class BoardTexture:
         self._look(pictures, tilts)
         fits = [self._laid(one, tilt, STEPS) for one, tilt in zip(pictures, tilts, strict=True)]
         self._usual_error = float(np.median([np.linalg.norm(one[1]) for one in fits]))
+        self.sample = [self._turned(tilt) if share >= ENOUGH else None for tilt, _, share in fits]
 
     def _look(self, pictures: Sequence[Picture], tilts: Array) -> None:
         """Set the usual levels, and how a tilt changes them, from pictures at known tilts."""
@@ -176,6 +179,10 @@ class BoardTexture:
             return None
         self._tilt = tilt
         self._squares.append(error**2)
+        return self._turned(tilt)
+
+    def _turned(self, tilt: Array) -> Pose:
+        """Return the board at a tilt (2,)."""
         level = self._level
         turn, _ = opencv().Rodrigues(np.array([tilt[0], tilt[1], 0.0]))
         return Pose(level.lens, level.rotation @ turn, level.origin, level.radius)

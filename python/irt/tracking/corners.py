@@ -14,13 +14,21 @@ from numpy.typing import NDArray
 
 from irt.errors import IrtError
 from irt.tracking.geometry import Lens, Pose, Size
+from irt.tracking.noise import noise_of
 from irt.tracking.opencv import opencv
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-#: Least difference that is a side of the board [levels], over so many quarters of a pixel to either side.
+#: Least difference that is a side of the board [levels], over so many quarters of a pixel to either side,
+#: where nothing is known of the noise: three deviations of a noise of 4 levels, with which a point of an edge
+#: that is blurred over 2 pixels is known to 0.7 pixels, and a line through a side to 0.3.
 LEAST_LEVELS, BLURRED = 12.0, 6
+#: The same in standard deviations of the noise, and the least of these [levels]: what a compression makes of
+#: an even board has steps of a few levels (`irt.tracking.nested.STEP`).
+LEAST_NOISES, FAINTEST = 3.0, 6.0
+#: Every so many pixels show the noise of a sample.
+SPARSE = 2
 #: How far a side is from the rough one (standard deviation) [pixels]: of two steps it is the nearer one,
 #: unless that is much lower.
 ROUGH = 1.5
@@ -55,8 +63,20 @@ class TwoBoardsError(IrtError):
     """More than one thing in the picture may be the board."""
 
 
+def least_step(pictures: Sequence[Picture]) -> float:
+    """Return the least difference that is a side of the board in the noise of some pictures [levels]."""
+    some = [one[::SPARSE, ::SPARSE] for one in pictures]
+    noise = noise_of(some, np.median(np.stack(some), axis=0).astype(np.uint8))
+    return float(np.clip(LEAST_NOISES * noise, FAINTEST, LEAST_LEVELS))
+
+
 def find_corners(
-    picture: Picture, lens: Lens | None = None, size: Size | None = None, *, by_colour: bool = False
+    picture: Picture,
+    lens: Lens | None = None,
+    size: Size | None = None,
+    *,
+    by_colour: bool = False,
+    least: float = LEAST_LEVELS,
 ) -> Array:
     """Return the board's corners (4, 2) [pixels], clockwise from the top left, of a quadrangle.
 
@@ -72,6 +92,8 @@ def find_corners(
         Of the board: what has another shape, such as the board's shadow on a table, is not it.
     by_colour : bool
         Whether how colourful it is sets the board off, and not its brightness: wood on grey is as bright.
+    least : float
+        Least difference that is a side of the board [levels].
 
     Raises
     ------
@@ -96,11 +118,13 @@ def find_corners(
         except IrtError as error:
             reasons.append(error)
             continue
-        return _exact(smooth, rough, lens)
+        return _exact(smooth, rough, lens, least)
     raise reasons[0]
 
 
-def find_corners_at_levels(picture: Picture, lens: Lens | None, size: Size | None) -> Array:
+def find_corners_at_levels(
+    picture: Picture, lens: Lens | None, size: Size | None, least: float = LEAST_LEVELS
+) -> Array:
     """Return the board's corners as `find_corners`, of the quadrangle that most levels show.
 
     On a table that a lamp lights unevenly, or under glare, no one level separates a board. A board is what
@@ -110,7 +134,7 @@ def find_corners_at_levels(picture: Picture, lens: Lens | None, size: Size | Non
     ----------
     picture : (h, w, 3) uint8 array
         Blue first, with little noise, such as the median of a sample.
-    lens, size
+    lens, size, least
         As of `find_corners`.
 
     Raises
@@ -138,13 +162,13 @@ def find_corners_at_levels(picture: Picture, lens: Lens | None, size: Size | Non
     rough = np.median([corners for corners, _ in best], axis=0)
     for plane in sorted({id(plane): plane for _, plane in best}.values(), key=lambda one: -float(one.std())):
         with suppress(IrtError):
-            return _exact(plane, rough, lens)
+            return _exact(plane, rough, lens, least)
     raise IrtError("a side of the board is not clear in the picture: give it light, or a darker ground")
 
 
-def _exact(plane: Any, rough: Array, lens: Lens | None) -> Array:
+def _exact(plane: Any, rough: Array, lens: Lens | None, least: float) -> Array:
     """Return the corners (4, 2) in which lines through the sides of a rough quadrangle meet [pixels]."""
-    sides = [_edge(plane, rough[side], rough[(side + 1) % 4], lens) for side in range(4)]
+    sides = [_edge(plane, (rough[side], rough[(side + 1) % 4]), lens, least) for side in range(4)]
     corners = np.array([meet(sides[side - 1], sides[side]) for side in range(4)])
     return corners if lens is None else lens.bent(corners)
 
@@ -274,11 +298,12 @@ def _ratio(one: float, other: float) -> float:
     return max(one, other) / min(one, other)
 
 
-def _edge(grey: Any, start: Array, end: Array, lens: Lens | None) -> tuple[Array, Array]:
+def _edge(grey: Any, ends: tuple[Array, Array], lens: Lens | None, least: float) -> tuple[Array, Array]:
     """Return a point and a direction of the side between two rough corners: where brightness is halfway.
 
     With a lens, both are of tangents.
     """
+    start, end = ends
     way = end - start
     normal = np.array([way[1], -way[0]]) / np.hypot(*way)
     offsets = np.arange(-4.0, 4.01, 0.25)
@@ -291,7 +316,7 @@ def _edge(grey: Any, start: Array, end: Array, lens: Lens | None) -> tuple[Array
         # A printed line beside a side, or the end of a shadow, is another step.
         steps = np.abs(levels[2 * BLURRED :] - levels[: -2 * BLURRED])
         best = int(np.argmax(steps * near))
-        if steps[best] < LEAST_LEVELS:
+        if steps[best] < least:
             continue
         at = offsets[best + BLURRED]
         for _ in range(ROUNDS):

@@ -110,7 +110,10 @@ class Coverage:
         count = len(pictures)
         usual = np.median(pictures, axis=0)
         least = ((noise / (np.maximum(usual, 0.0) + BLACK)) ** 2).mean(axis=2)
-        covered, clear = _varied(seen), _varied(seen - behind)
+        # What lights a place of the board lights the marble there: without that the difference in light
+        # between two places would be a texture, and a marble that shares it let one be seen.
+        light = np.median(behind, axis=(1, 2), keepdims=True)
+        covered, clear = _varied(seen - light), _varied(seen - behind)
         scatter = np.minimum(covered, clear) + 0.5 * least
         texture = np.clip(0.5 * count * (clear - covered) / scatter / ALIKE, -MOST, MOST)
         change = np.median(seen - behind, axis=0)

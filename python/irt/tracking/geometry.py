@@ -102,6 +102,11 @@ class Plane:
         there = cv2.getPerspectiveTransform(corners.astype(np.float32), size.corners.astype(np.float32))
         return cls(np.asarray(there, dtype=np.float64), size.radius)
 
+    @property
+    def surface(self) -> Plane:
+        """The board's surface itself, which this geometry is of."""
+        return self
+
     def positions(self, pixels: Array) -> Array:
         """Return the places (n, 2) [board edges] of marbles whose middles are seen at pixels (n, 2)."""
         return _mapped(self.homography, pixels)
@@ -161,6 +166,11 @@ class Pose:
         rotation, _ = cv2.Rodrigues(turns)
         return cls(lens, np.asarray(rotation), np.asarray(origin).ravel(), radius)
 
+    @property
+    def surface(self) -> Pose:
+        """The same board for what lies on its surface, and not a radius above it."""
+        return Pose(self.lens, self.rotation, self.origin, 0.0)
+
     def positions(self, pixels: Array) -> Array:
         """Return the places (n, 2) [board edges] of marbles whose middles are seen at pixels (n, 2)."""
         rays = np.column_stack([self.lens.straight(pixels), np.ones(len(pixels))]) @ self.rotation
@@ -207,6 +217,12 @@ class Pose:
 
 
 Geometry = Plane | Pose
+
+
+def moved(place: tuple[float, float], before: Geometry, after: Geometry) -> tuple[float, float]:
+    """Return where what a board's surface has at a pixel is after the board has moved [pixels]."""
+    x, y = after.surface.pixels(before.surface.positions(np.array([place])))[0]
+    return float(x), float(y)
 
 
 def _mapped(homography: Array, points: Array) -> Array:

@@ -6,8 +6,6 @@ corners are known there, and from then on show where the board is.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -73,7 +71,7 @@ class Markers:
 
     def __init__(self, picture: Picture, level: Geometry, size: Size, lens: Lens | None) -> None:
         self._level, self._size, self._lens = level, size, lens
-        surface = _surface(level)
+        surface = level.surface
         half_x, half_y = size.along_x / 2, size.along_y / 2
         self.places: dict[int, Array] = {}
         for number, four in detect_markers(picture).items():
@@ -160,10 +158,3 @@ class Markers:
             return None, np.inf
         plane = Plane(np.asarray(matrix, dtype=np.float64), self._size.radius)
         return plane, float(np.sqrt(((plane.pixels(places) - pixels) ** 2).sum(axis=1).mean()))
-
-
-def _surface(level: Geometry) -> Any:
-    """Return the geometry that takes pixels to the board's surface itself."""
-    if isinstance(level, Pose):
-        return Pose(level.lens, level.rotation, level.origin, 0.0)
-    return level

@@ -117,8 +117,7 @@ def nested(picture: Picture, outline: Array, lens: Lens, size: Size) -> Nested |
     size : Size
         Of the board.
     """
-    pose = Pose.of(lens, outline, size.corners, size.radius)
-    plane = Pose(lens, pose.rotation, pose.origin, 0.0)
+    plane = Pose.of(lens, outline, size.corners, 0.0)
     pixel = 1.0 / mean_side(outline)
     sides = [_steps(picture, plane, size, side, pixel) for side in range(4)]
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import partial
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,25 +15,17 @@ from irt.errors import IrtError
 from irt.tracking.blob_detector import Box
 from irt.tracking.board_edges import BoardEdges
 from irt.tracking.board_texture import BoardTexture
-from irt.tracking.corners import (
-    MISSHAPEN,
-    NEARER,
-    TwoBoardsError,
-    checked,
-    find_corners,
-    find_corners_at_levels,
-    mean_side,
-    misshapen,
-    ordered,
-)
+from irt.tracking.corners import MISSHAPEN, checked, mean_side
 from irt.tracking.geometry import Geometry, Lens, Plane, Pose, Size
 from irt.tracking.learning import learn, scale_of
-from irt.tracking.markers import Markers, corners_by_markers
+from irt.tracking.markers import Markers
 from irt.tracking.nested import require_board
 from irt.tracking.opencv import opencv
+from irt.tracking.outline import board_outline, board_sides
 from irt.tracking.partial import Partial
 from irt.tracking.separation import Clue
 from irt.tracking.source import Frame, Picture, Source
+from irt.tracking.stabilised import Stabilised
 from irt.tracking.standing import absences
 from irt.tracking.tracker import Learned, Sighting, Tracker
 
@@ -44,8 +36,6 @@ Progress = Callable[[int, int, str], None]
 SAMPLE = 48
 #: How far a marble may be seen beyond the corners, in its radii: it stands on the board, and the board tilts.
 BEYOND = 2.5
-#: One in so many pictures of the sample shows the board in its place, if it leaves early.
-EARLY = 4
 #: Every so many pictures are looked at for whether the board is where it was.
 LOOKED_AT = 10
 #: A picture that differs from the one before by less than this share of what is usual is that one again.
@@ -204,9 +194,13 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
             f"{height}: calibrate with this resolution"
         )
     progress(1, 3, "the board")
-    corners, found_by, mean = _corners(pictures, question)
     size = question.size
-    edges = None if question.corners is not None else _sides(pictures, corners, lens)
+    edges: BoardEdges | None = None
+    if question.corners is not None:
+        corners, found_by, mean = checked(question.corners, size), "given", False
+    else:
+        corners, found_by, mean = board_outline(pictures, lens, size)
+        edges = board_sides(pictures, corners, lens)
     if edges is not None:
         corners = edges.corners
         if edges.clear and edges.error_px < MISSHAPEN * mean_side(corners):
@@ -218,9 +212,15 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
     if lens is not None:
         geometry = Pose.of(lens, corners, size.corners, size.radius)
     markers = Markers(pictures[0], geometry, size, lens)
-    progress(2, 3, "the marble")
-    learned = learn(pictures, geometry, board_box(corners, geometry, (width, height)), question.clue)
     follows = edges is not None and not markers.enough and edges.watch(geometry, size)
+    texture = None if follows or markers.enough else _texture(pictures, geometry, size, mean=mean)
+    shows = markers if markers.enough else edges if follows else texture
+    progress(2, 3, "the marble")
+    sample = _stabilised(pictures, shows, geometry, size)
+    clue = replace(question.clue, places=sample.to_stabilised(question.clue.places))
+    learned = learn(sample.pictures, geometry, board_box(corners, geometry, (width, height)), clue)
+    if learned.first is not None:
+        learned = replace(learned, first=sample.to_taken(learned.first))
     return Scene(
         size,
         corners,
@@ -229,11 +229,24 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
         geometry,
         markers if markers.enough else None,
         edges if follows else None,
-        None if follows or markers.enough else _texture(pictures, geometry, size, mean=mean),
+        texture,
         edges if edges is not None and edges.clear else None,
         learned,
         _usual_change(pictures),
     )
+
+
+def _stabilised(
+    pictures: list[Picture], shows: Markers | BoardEdges | BoardTexture | None, geometry: Geometry, size: Size
+) -> Stabilised:
+    """Return a sample with the board in one place, as it was taken where nothing shows its tilt."""
+    if shows is None:
+        return Stabilised(pictures, geometry, geometry)
+    if isinstance(shows, BoardTexture):
+        return Stabilised.of(pictures, shows.sample, geometry, size)
+    # The noise that a run states is that of its own pictures.
+    measures = deepcopy(shows)
+    return Stabilised.of(pictures, [measures.follow(one) for one in pictures], geometry, size)
 
 
 def _texture(pictures: list[Picture], geometry: Geometry, size: Size, *, mean: bool) -> BoardTexture | None:
@@ -242,53 +255,6 @@ def _texture(pictures: list[Picture], geometry: Geometry, size: Size, *, mean: b
         return None
     texture = BoardTexture(pictures, geometry, size, mean=mean)
     return texture if texture.shows else None
-
-
-def _sides(pictures: list[Picture], corners: Array, lens: Lens | None) -> BoardEdges:
-    """Return the board's sides, of the first pictures where the board leaves its place early."""
-    edges = BoardEdges(pictures, corners, lens)
-    if edges.clear:
-        return edges
-    early = BoardEdges(pictures[: max(len(pictures) // EARLY, 2)], corners, lens)
-    return early if early.clear else edges
-
-
-def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str, bool]:
-    """Return the board's corners, how they were found, and whether in the mean of the pictures."""
-    if question.corners is not None:
-        return checked(question.corners, question.size), "given", False
-    first, middle = pictures[0], np.median(np.stack(pictures), axis=0).astype(np.uint8)
-    lens, size = question.lens, question.size
-    by_light = partial(find_corners, lens=lens, size=size)
-    by_colour = partial(by_light, by_colour=True)
-    at_levels = partial(find_corners_at_levels, lens=lens, size=size)
-    ways = (
-        (by_light, first, "found in the first picture"),
-        (by_light, middle, "found in the median of the pictures"),
-        (by_colour, first, "found in the first picture by their colour"),
-        (by_colour, middle, "found in the median of the pictures by their colour"),
-        (at_levels, middle, "found in the median of the pictures at several levels"),
-    )
-    reasons, outlines = [], []
-    for find, picture, words in ways:
-        try:
-            found = ordered(find(picture), size)
-        except TwoBoardsError:
-            raise
-        except IrtError as error:
-            reasons.append(error)
-        else:
-            outlines.append((misshapen(found, lens, size), (found, words, picture is middle)))
-            if outlines[0][0] < MISSHAPEN:
-                break
-        marked = corners_by_markers(first) if len(reasons) + len(outlines) == 1 else None
-        if marked is not None:
-            return marked, "the outer corners of markers 0 to 3", False
-    if not outlines:
-        raise IrtError(f"{reasons[0]}; --corners X,Y X,Y X,Y X,Y says where they are")
-    # The outline of a rim is nearly of the board's shape: another is the board's if it is much nearer.
-    best = min(outlines, key=lambda one: one[0])
-    return best[1] if best[0] < NEARER * outlines[0][0] else outlines[0][1]
 
 
 def board_box(corners: Array, geometry: Geometry, size: tuple[int, int]) -> Box:
@@ -387,14 +353,15 @@ class Follower:
         picture = frame.picture
         last = self._last
         again = last is not None and _change(picture, last.frame.picture) <= SAME * self.scene.usual_change
-        sighting = self._tracker.see(picture)
+        board = self.scene.shows_tilt
+        measured = None if board is None else board.follow(picture)
+        self._geometry = measured or self._geometry
+        moved = None if measured is None else (self.scene.geometry, measured)
+        sighting = self._tracker.see(picture, moved)
         before = None
         if last is not None and sighting.confirms is not None:
             before = Seen.of(last.frame, sighting.confirms, last.geometry, last.tilt, repeated=last.repeated)
             self._rows[-1] = before.row
-        board = self.scene.shows_tilt
-        measured = None if board is None else board.follow(picture)
-        self._geometry = measured or self._geometry
         if self.scene.sides is not None and len(self._rows) % LOOKED_AT == 0:
             self._looks.append((len(self._rows), self.scene.sides.stand(picture)))
         tilt = np.full(2, np.nan)

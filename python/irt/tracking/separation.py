@@ -152,7 +152,7 @@ def marble_beside(
         return (float(dx), float(dy)) if away > POINTED else None
     if clue.colour is not None or len(found) < FEWEST:
         return None
-    around = _around(pictures, found, known)
+    around = neighbourhoods(pictures, found, known)
     through = transmission(around)
     if through.is_no_shadow or through.chance_of_shadow < UNSURE:
         return None
@@ -163,7 +163,7 @@ def marble_beside(
     if np.hypot(x, y) > FAR:
         # What is in the middle of what is seen is laid best.
         moved = [(index, beside(rim, (x, y), rim.radius)) for index, rim in found]
-        dx, dy = _laid(_around(pictures, moved, known), foot).ball
+        dx, dy = _laid(neighbourhoods(pictures, moved, known), foot).ball
         x, y = x + dx, y + dy
     return (x, y) if float(np.hypot(x, y)) > ELSEWHERE else None
 
@@ -190,7 +190,7 @@ def ball_or_shadow(
     By how much of the board's texture is seen through them; where that leaves it open, by the shape of what
     is there as well. `foot` is as in `marble_beside`.
     """
-    around = _around(pictures, discs, known)
+    around = neighbourhoods(pictures, discs, known)
     through = transmission(around)
     chance = through.chance_of_shadow
     if through.is_no_shadow or not UNSURE < chance < 1.0 - UNSURE:
@@ -203,7 +203,7 @@ def ball_or_shadow(
 
 def is_bare(pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], known: Finder) -> bool:
     """Return whether the board about discs shows no texture."""
-    return not bool(np.isfinite(transmission(_around(pictures, discs, known)).error).all())
+    return not bool(np.isfinite(transmission(neighbourhoods(pictures, discs, known)).error).all())
 
 
 def _laid(around: Sequence[Neighbourhood], foot: tuple[float, float]) -> Thrown:
@@ -211,10 +211,10 @@ def _laid(around: Sequence[Neighbourhood], foot: tuple[float, float]) -> Thrown:
     return thrown(*cut_out(around), CELLS, foot)
 
 
-def _around(
+def neighbourhoods(
     pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], known: Finder
 ) -> list[Neighbourhood]:
-    """Return discs with what is beside them."""
+    """Return discs with what is around them."""
     return [
         _neighbourhood(pictures[index], rim, Underlay(known.without), known.noise) for index, rim in discs
     ]

@@ -92,7 +92,7 @@ def learn_appearance(
     bare : bool
         Whether the board has no grain: then a shadow covers it as a marble does.
     """
-    centres = np.array([[view.x, view.y] for view in views])
+    centres = starts = np.array([[view.x, view.y] for view in views])
     trust = np.ones(len(views))
     for _ in range(ROUNDS):
         stack = _Stack.of(views, centres, radius)
@@ -109,14 +109,16 @@ def learn_appearance(
         moved = moved - np.median((moved - centres)[trust > 0], axis=0)
         centres = np.where(trust[:, None] > 0, moved, centres)
     taken, level = plain or (views, noise)
-    stack = _Stack.of(taken, centres, radius)
+    # Steel mirrors the board at its rim and appears smaller than it is.
+    stack = _Stack.of(taken, centres, max(radius, expected))
     covers = stack.coverage(trust, level).sized(radius, expected)
     disc = _disc(stack, trust, covers, level, foot, bare=bare)
     dx, dy, found = disc.x, disc.y, disc.radius
     scales = np.array([view.scale for view in views])
     centres = centres + np.outer(scales, [dx, dy])
     appearance = _Stack.of(views, centres, found).appearance(trust, found, noise)
-    return replace(appearance, apart=disc.apart, error=disc.error)
+    shift = np.median(((centres - starts) / scales[:, None])[trust > 0], axis=0)
+    return replace(appearance, apart=disc.apart, error=disc.error, shift=(float(shift[0]), float(shift[1])))
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from irt.tracking.appearance import Appearance, Match
 from irt.tracking.background import Underlay
 from irt.tracking.blob_detector import Box
 from irt.tracking.finder import Finder
+from irt.tracking.geometry import Geometry, moved
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -132,14 +133,25 @@ class Tracker:
         self._waiting: list[tuple[int, Match]] = []
         self._before: tuple[int, float, float] | None = None
         self._count = -1
+        self._board: tuple[Geometry, Geometry] | None = None
 
     def expect(self, x: float, y: float) -> None:
         """Say where the marble is in the next picture [pixels]."""
         self._last = [(self._count + 1, x, y)]
 
-    def see(self, picture: Picture) -> Sighting:
-        """Find the marble in the next picture."""
+    def see(self, picture: Picture, board: tuple[Geometry, Geometry] | None = None) -> Sighting:
+        """Find the marble in the next picture.
+
+        Parameters
+        ----------
+        picture : (h, w, 3) uint8 array
+            Blue first.
+        board : (Plane or Pose, Plane or Pose), optional
+            The board where it was learned, and in this picture, where that is measured. Else what is seen
+            about the marble shows it, from where it was in the picture before.
+        """
         self._count += 1
+        self._board = board
         expected = self._expected()
         tried: list[Match] = []
         if expected is not None:
@@ -268,6 +280,8 @@ class Tracker:
         if box.empty:
             return Match(x, y, 0.0, np.inf)
         part = self.learned.finder.seen(picture, box).astype(np.float32)
+        if self._board is not None:
+            self._under.shift = np.array([x, y]) - moved((x, y), *reversed(self._board))
         board = self._under.beneath(part, box, (x, y, radius), self.learned.finder.noise)
         found = self.learned.appearance.match(part, board, (x - box.left, y - box.top), scale)
         return Match(found.x + box.left, found.y + box.top, found.confidence, found.spread)

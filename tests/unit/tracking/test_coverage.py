@@ -15,8 +15,12 @@ MARBLE, SHADOW = np.array([-1.5, 2.0]), np.array([2.0, -1.0])
 COLOURS = {"painted": np.array([60.0, 50.0, 190.0]), "as the board": 0.8 * BOARD, "steel": 0.5 * BOARD.mean()}
 
 
-def views(colour: np.ndarray, grain: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return pictures and boards (v, n, n, 3), `FINE` cells to a pixel."""
+def views(colour: np.ndarray, grain: float, uneven: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return pictures and boards (v, n, n, 3), `FINE` cells to a pixel.
+
+    `uneven` is by what share the lamp's light differs from place to place (standard deviation). In the
+    marble's shadow there is none of it.
+    """
     half = SIDE // 2
     down, right = np.mgrid[-half : half + 1, -half : half + 1] / FINE
 
@@ -28,10 +32,11 @@ def views(colour: np.ndarray, grain: float) -> tuple[np.ndarray, np.ndarray]:
         random = np.random.default_rng(seed)
         texture = gaussian_filter(random.standard_normal((SIDE, SIDE)), 3.0)
         board = BOARD * np.exp(grain * texture / texture.std())[..., None]
-        shaded = board * (1.0 - 0.5 * disc(SHADOW))
-        seen = shaded + disc(MARBLE) * (colour - shaded)
+        light = np.exp(uneven * random.standard_normal())
+        shaded = board * (light * (1.0 - disc(SHADOW)) + 0.5 * disc(SHADOW))
+        seen = shaded + disc(MARBLE) * (light * colour - shaded)
         pictures.append(seen + random.normal(0, NOISE, seen.shape))
-        boards.append(board + random.normal(0, 0.3, seen.shape))
+        boards.append(light * board + random.normal(0, 0.3, seen.shape))
     return np.array(pictures, np.float32), np.array(boards, np.float32)
 
 
@@ -73,3 +78,10 @@ def test_the_horizon_in_a_mirroring_marble_is_no_smaller_marble() -> None:
     )
     coverage = Coverage.of(pictures, boards, NOISE, FINE)
     assert coverage.sized(0.7 * RADIUS, RADIUS).radius == RADIUS
+
+
+def test_light_that_differs_over_a_bare_board_is_no_texture() -> None:
+    """What has an even light, the shadow, counted as covered, and the ball, whose light differs, as clear."""
+    pale = np.array([105.0, 130.0, 140.0])
+    found = Coverage.of(*views(pale, 0.004, 0.15), NOISE, FINE).laid(RADIUS)
+    assert np.hypot(found.x - MARBLE[0], found.y - MARBLE[1]) < 0.15 * RADIUS

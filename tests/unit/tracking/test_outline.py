@@ -10,10 +10,19 @@ import pytest
 
 from irt.errors import IrtError
 from irt.tracking.board_edges import BoardEdges
-from irt.tracking.corners import MISSHAPEN, find_corners, like_a_rim, misshapen
+from irt.tracking.corners import (
+    FAINTEST,
+    LEAST_LEVELS,
+    MISSHAPEN,
+    find_corners,
+    least_step,
+    like_a_rim,
+    misshapen,
+)
 from irt.tracking.geometry import Lens, Pose, Size
 from irt.tracking.nested import nested, require_board
-from irt.tracking.run import Question, _corners, prepare
+from irt.tracking.outline import board_outline, board_sides
+from irt.tracking.run import Question, prepare
 from tracking.view import View, turned
 
 EDGES = np.array([0.276, 0.231])
@@ -68,7 +77,7 @@ def test_a_rim_in_the_place_of_the_board_is_refused() -> None:
 def test_of_two_outlines_the_one_of_the_boards_shape_is_taken() -> None:
     """By brightness a white rim is found; by colour, the wood within it."""
     pictures = [drawn(VIEW, LEVEL, WOOD, rim=WHITE)] * 2
-    found, words, _ = _corners(pictures, Question(SIZE, lens_of(VIEW)))
+    found, words, _ = board_outline(pictures, lens_of(VIEW), SIZE)
     assert "colour" in words
     assert np.linalg.norm(found - outline(VIEW, LEVEL), axis=1).max() < 1.0
 
@@ -117,9 +126,30 @@ def test_a_board_beside_a_lit_part_of_the_table_is_found_at_several_levels() -> 
     for by_colour in (False, True):
         with pytest.raises(IrtError):
             find_corners(picture, lens_of(VIEW), SIZE, by_colour=by_colour)
-    found, words, _ = _corners([picture] * 2, Question(SIZE, lens_of(VIEW)))
+    found, words, _ = board_outline([picture] * 2, lens_of(VIEW), SIZE)
     assert "levels" in words
     assert np.linalg.norm(found - outline(VIEW, LEVEL), axis=1).max() < 1.5
+
+
+def test_a_board_is_as_faint_as_its_noise_allows() -> None:
+    """A dark board on a dark table was refused: its sides differ from the table by 9 levels."""
+    random = np.random.default_rng(5)
+    picture = drawn(VIEW, LEVEL, (61, 58, 59), table=(52, 52, 52)).astype(float)
+
+    def sample(noise: float) -> list[np.ndarray]:
+        return [
+            np.clip(np.rint(picture + random.normal(0.0, noise, picture.shape)), 0, 255).astype(np.uint8)
+            for _ in range(12)
+        ]
+
+    quiet = sample(1.5)
+    assert least_step(quiet) == FAINTEST
+    found, _, _ = board_outline(quiet, lens_of(VIEW), SIZE)
+    edges = board_sides(quiet, found, lens_of(VIEW))
+    plain = BoardEdges([drawn(VIEW, LEVEL, WHITE)] * 3, outline(VIEW, LEVEL), lens_of(VIEW))
+    assert edges.clear
+    assert np.linalg.norm(edges.corners - plain.corners, axis=1).max() < 0.7
+    assert least_step(sample(6.0)) == LEAST_LEVELS
 
 
 SQUARE = Size(1.0, 1.0, SIZE.radius)
