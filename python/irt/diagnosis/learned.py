@@ -6,14 +6,12 @@ else, and the procedure repeats on the new residuals. Terms, effects and a rando
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.regressors import terms_of_motion, terms_of_residuals, worth
+from irt.diagnosis.regressors import terms_of_motion, terms_of_residuals
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import PUSH, Scored, Scores
 from irt.diagnosis.selection import Report
@@ -25,27 +23,25 @@ Array = NDArray[np.float64]
 def learn(parent: Scored, report: Report) -> Scored | None:
     """Add terms to a set while its score grows; return None if no term is worth its price.
 
-    One term without a gain is allowed if the observed motion shows it by no chance, because it may gain with
-    the next: on a board with waves in two directions, one of them alone predicts nothing. Terms that become
-    superfluous are removed.
+    One term without a gain is allowed, because it may gain with the next: on a board with waves in two
+    directions, one of them alone predicts nothing. Terms that become superfluous are removed.
     """
     best, now, doubted = parent, parent, False
-    chance = math.log(config.LIBRARY) + config.SURE
     while (found := _with_another(parent, now, report)) is not None:
-        now, is_seen = found
+        now = found
         if now.score > best.score + config.SURE:
             best, doubted = now, False
             if Scores.of(now).push(now) < config.SURE:
                 break
-        elif doubted or not is_seen or worth(now.terms[-1]) < chance:
+        elif doubted:
             break
         else:
             doubted = True
     return None if best is parent else _needed(best)
 
 
-def _with_another(parent: Scored, now: Scored, report: Report) -> tuple[Scored, bool] | None:
-    """Return the most probable set with one more term, and whether the observed motion shows the term.
+def _with_another(parent: Scored, now: Scored, report: Report) -> Scored | None:
+    """Return the most probable set with one more term.
 
     Residuals of predictions are looked at only if the observed motion shows no term that gains.
     """
@@ -55,14 +51,10 @@ def _with_another(parent: Scored, now: Scored, report: Report) -> tuple[Scored, 
             report(f"a push that depends on {term.variable}")
         return [_first(parent, now, (*now.terms, term)) for term in terms]
 
-    seen = [] if parent.effects else tried(terms_of_motion(now, parent))
-    found = list(seen)
-    if not any(one.score > now.score + config.SURE for one in seen):
+    found = [] if parent.effects else tried(terms_of_motion(now, parent))
+    if not any(one.score > now.score + config.SURE for one in found):
         found += tried(terms_of_residuals(now))
-    if not found:
-        return None
-    best = max(found, key=_finite)
-    return _thorough(best), best in seen
+    return _thorough(max(found, key=_finite)) if found else None
 
 
 def _first(parent: Scored, now: Scored, terms: tuple[Term, ...]) -> Scored:

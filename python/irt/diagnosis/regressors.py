@@ -87,11 +87,6 @@ def terms_of_residuals(now: Scored) -> list[Term]:
     return [term for rows in HORIZONS for term in _likely(now, _free(now, rows, weak=False), now, 1)]
 
 
-def worth(term: Term) -> float:
-    """Return the gain in log-likelihood by a term minus the price of its parameters [nats]."""
-    return term.gain - PRICE * len(term.free)
-
-
 def _free(one: Scored, longest: int, *, weak: bool) -> Free:
     return free_motion(one.fitted, longest, weak=weak, most=MOST_ROWS)
 
@@ -150,10 +145,11 @@ class Regressors:
         """Return the best terms of at most `families` families that gain more than their parameters cost."""
         best: dict[tuple[str, ...], tuple[float, Term]] = {}
         for one in self._candidates(terms):
-            if worth(one) > best.get(one.family, (0.0,))[0]:
-                best[one.family] = (worth(one), one)
+            worth = one.gain - PRICE * len(one.free)
+            if worth > best.get(one.family, (0.0,))[0]:
+                best[one.family] = (worth, one)
         ranked = sorted(best.values(), key=lambda one: -one[0])[:families]
-        return [one for value, one in ranked if value > NEAR * ranked[0][0]]
+        return [one for worth, one in ranked if worth > NEAR * ranked[0][0]]
 
     def take(self, term: Term) -> None:
         """Remove a term of any strength from the residuals."""

@@ -15,7 +15,7 @@ from irt.diagnosis.answer import Answer
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.hypotheses import JITTER, MAP, hypotheses
 from irt.diagnosis.learned import learn
-from irt.diagnosis.relevance import Relevance, is_exact
+from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.result import Diagnosis
 from irt.diagnosis.score import Scored, Scores
 from irt.diagnosis.selection import Selection
@@ -84,16 +84,16 @@ def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:
     """Return a set with a learned correction that is more probable than the best set, or None.
 
     A correction is learned if the best set needs a random push, correlated noise or delays that jitter, and
-    if free runs miss by more than the tracker's noise and by a share of what the five parameters miss. It is
-    learned in addition to the set and in place of it, because effects may only have approximated it. A slope
-    map is always challenged by a correction, because it can approximate one.
+    if a share of the error remains. It is learned in addition to the set and in place of it, because effects
+    may only have approximated it. A slope map is always challenged by a correction, because it can
+    approximate one.
     """
     scores, report = relevance.selection.scores, relevance.selection.report
     base = scores.base()
     left = relevance.validation.of(kept).mae / relevance.validation.of(base).mae
     in_place = [relevance.selection.without(best, MAP)] if MAP in best.effects else []
     is_random = JITTER in best.effects or not relevance.selection.is_whole(best)
-    is_enough = not in_place and (not is_random or left < config.WORTH or is_exact(kept))
+    is_enough = not in_place and (not is_random or left < config.WORTH)
     if is_enough:
         return None
     parents = dict.fromkeys([base, best, *in_place])
