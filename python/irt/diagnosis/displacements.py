@@ -9,7 +9,7 @@ of squares that it explains, and a random push that is needed anyway is not mist
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,16 +43,11 @@ class Displacements:
         Variances of the white noise in each row [board edges^2].
     row_s, edge_m : float
         Duration of a row [s] and long edge of the board [m].
-
-    Attributes
-    ----------
-    rows : Rows
-        The n rows of all segments.
     """
 
     def __init__(self, free: Free, noise: Array, variances: Array, row_s: float, edge_m: float) -> None:
-        self.rows, residuals, fixed = free
-        lengths = np.unique(self.rows.stretch, return_counts=True)[1].tolist()
+        rows_of_all, residuals, fixed = free
+        lengths = np.unique(rows_of_all.stretch, return_counts=True)[1].tolist()
         parts = [slice(begin, end) for begin, end in itertools.pairwise([0, *itertools.accumulate(lengths)])]
         moved = row_s**2 / edge_m * integrator(max(lengths))
         covariance = _covariance(noise, moved, row_s)
@@ -120,11 +115,11 @@ class _Axis:
 
     def __init__(self, segments: Sequence[_Segment], residuals: Array, fixed: Array) -> None:
         self._segments = segments
-        basis, triangle = np.linalg.qr(self._whitened(fixed))
-        data = self._whitened(residuals[:, None])
+        basis, triangle = np.linalg.qr(self._each(_Segment.whitened, fixed))
+        data = self._each(_Segment.whitened, residuals[:, None])
         data -= basis @ (basis.T @ data)
         # Start states are removed segment by segment, so that few directions remain for all rows.
-        left, singular, _ = np.linalg.svd(self._started(basis), full_matrices=False)
+        left, singular, _ = np.linalg.svd(self._each(_Segment.without_start, basis), full_matrices=False)
         self._fixed = left[:, singular > _LEAST]
         self.data = data[:, 0]
         logs = [np.log(np.abs(np.diag(one))).sum() for one in (*(one.factor for one in segments), triangle)]
@@ -147,22 +142,13 @@ class _Axis:
 
     def white(self) -> Array:
         """Return the most probable white noise in each row, (n,), over its variance [1/board edge]."""
-        found = np.empty(len(self.data))
-        for one in self._segments:
-            found[one.rows] = solve_triangular(one.factor, self.data[one.rows], lower=True, trans="T")
-        return found
+        return self._each(_Segment.white, self.data)
 
-    def _whitened(self, changes: Array) -> Array:
+    def _each(self, of: Callable[[_Segment, Array], Array], changes: Array) -> Array:
+        """Return a function of the rows (n, ...) of each segment."""
         found = np.empty_like(changes)
         for one in self._segments:
-            found[one.rows] = _solved(one.factor, changes[one.rows])
-        return found
-
-    def _started(self, changes: Array) -> Array:
-        """Return changes (n, k) in standard deviations without the directions of start states."""
-        found = np.empty_like(changes)
-        for one in self._segments:
-            found[one.rows] = one.without_start(changes[one.rows])
+            found[one.rows] = of(one, changes[one.rows])
         return found
 
 
@@ -189,16 +175,20 @@ class _Segment:
     def __init__(self, rows: slice, covariance: Array, moved: Array) -> None:
         self.rows, self.factor = rows, cholesky(covariance, lower=True, check_finite=False)
         time = np.linspace(-1.0, 1.0, len(covariance))
-        self._start = np.linalg.qr(_solved(self.factor, np.column_stack([np.ones_like(time), time])))[0]
-        self.moved = self.without_start(_solved(self.factor, moved))
+        self._start = np.linalg.qr(self.whitened(np.column_stack([np.ones_like(time), time])))[0]
+        self.moved = self.without_start(self.whitened(moved))
+
+    def whitened(self, changes: Array) -> Array:
+        """Return changes (m, k) [board edges] in standard deviations."""
+        return np.asarray(solve_triangular(self.factor, changes, lower=True, check_finite=False))
+
+    def white(self, changes: Array) -> Array:
+        """Return the white noise in changes (m,) in standard deviations, over its variance [1/board edge]."""
+        return np.asarray(solve_triangular(self.factor, changes, lower=True, trans="T"))
 
     def without_start(self, changes: Array) -> Array:
         """Return changes (m, k) in standard deviations without the directions of start states."""
         return np.asarray(changes - self._start @ (self._start.T @ changes))
-
-
-def _solved(factor: Array, changes: Array) -> Array:
-    return np.asarray(solve_triangular(factor, changes, lower=True, check_finite=False))
 
 
 def _covariance(noise: Array, moved: Array, row_s: float) -> Array:

@@ -6,7 +6,7 @@ differentiated.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -288,16 +288,17 @@ class Regressors:
         """
         profiles = grid.of(self._values[grid.variable])
         changes = [profiles * pushes[:, axis : axis + 1] for axis in (0, 1)]
-        found = None
-        for missed in self._missed:
+
+        def fitted(missed: Displacements) -> tuple[Array, Array]:
             strengths, explained = np.zeros((2, len(grid.phases))), np.zeros(len(grid.phases))
             for axis in (0, 1):
                 moved = missed.moved(axis, changes[axis])
                 along, length = missed.residual(axis) @ moved, np.einsum("nk,nk->k", moved, moved)
                 strengths[axis] = along / np.maximum(length, 1e-300)
                 explained += strengths[axis] * along
-            found = self._better(found, missed, strengths, explained)
-        assert found is not None
+            return strengths, explained
+
+        found = self._best(fitted)
         return _term(grid, found, dict(zip(names, found.strengths, strict=True)))
 
     def _braked(self, grid: Grid, law: Array, power: float) -> Term:
@@ -308,24 +309,24 @@ class Regressors:
 
     def _sized(self, pushes: Array) -> Found:
         """Return the best of (n, k, 2) pushes with one strength."""
-        found = None
-        for missed in self._missed:
+
+        def fitted(missed: Displacements) -> tuple[Array, Array]:
             along, length = np.zeros(pushes.shape[1]), np.zeros(pushes.shape[1])
             for axis in (0, 1):
                 moved = missed.moved(axis, pushes[:, :, axis])
                 along += missed.residual(axis) @ moved
                 length += np.einsum("nk,nk->k", moved, moved)
             strengths = along / np.maximum(length, 1e-300)
-            found = self._better(found, missed, strengths[None], strengths * along)
-        assert found is not None
-        return found
+            return strengths[None], strengths * along
+
+        return self._best(fitted)
 
     def _wave(self, variable: str, vectors: Array) -> Term:
         """Return the best wave among (k, c) wave vectors over the c components of a variable."""
         angles = self._values[variable] @ vectors.T
         waves_of = np.cos(angles), np.sin(angles)
-        found = None
-        for missed in self._missed:
+
+        def fitted(missed: Displacements) -> tuple[Array, Array]:
             amplitudes, explained = np.zeros((len(vectors), 2, 2)), np.zeros(len(vectors))
             for axis in (0, 1):
                 parts = [missed.moved(axis, part) for part in waves_of]
@@ -337,8 +338,9 @@ class Regressors:
                 right = np.array([missed.residual(axis) @ part for part in parts]).T
                 amplitudes[:, axis] = np.linalg.solve(gram, right[..., None])[..., 0]
                 explained += (amplitudes[:, axis] * right).sum(axis=1)
-            found = self._better(found, missed, amplitudes.reshape(-1, 4).T, explained)
-        assert found is not None
+            return amplitudes.reshape(-1, 4).T, explained
+
+        found = self._best(fitted)
         # Both axes share one phase, that of the larger amplitude.
         amplitude = np.reshape(found.strengths, (2, 2))
         cosine, sine = amplitude[:, 0], amplitude[:, 1]
@@ -347,29 +349,22 @@ class Regressors:
         grid = waves(variable, vectors[found.place : found.place + 1], float(phase % (2.0 * np.pi)))
         return _term(grid, found._replace(place=0), dict(zip(PUSH, push.tolist(), strict=True)))
 
-    def _better(
-        self, known: Found | None, missed: Displacements, strengths: Array, explained: Array
-    ) -> Found:
-        """Return the best so far of k pushes.
+    def _best(self, fitted: Callable[[Displacements], tuple[Array, Array]]) -> Found:
+        """Return the best of k pushes over all sizes of the random push.
 
-        Parameters
-        ----------
-        known : Found or None
-            The best of the pushes so far.
-        missed : Displacements
-            The residuals with a size of the random push.
-        strengths : (m, k) array
-            Strengths of the pushes.
-        explained : (k,) array
-            Sums of squares that they explain.
+        For each size, `fitted` returns the strengths (m, k) of the pushes, and the sums of squares (k,) that
+        they explain.
         """
-        index = int(np.argmax(explained))
         plain = max(one.log_likelihood for one in self._missed)
-        gain = missed.log_likelihood + 0.5 * float(explained[index]) - plain
-        if known is not None and known.gain >= gain:
-            return known
-        share = float(explained[index]) / max(missed.total, 1e-300)
-        return Found(index, strengths[:, index].tolist(), share, gain)
+
+        def found(missed: Displacements) -> Found:
+            strengths, explained = fitted(missed)
+            index = int(np.argmax(explained))
+            most = float(explained[index])
+            share, gain = most / max(missed.total, 1e-300), missed.log_likelihood + 0.5 * most - plain
+            return Found(index, strengths[:, index].tolist(), share, gain)
+
+        return max(map(found, self._missed), key=lambda one: one.gain)
 
 
 class Found(NamedTuple):
