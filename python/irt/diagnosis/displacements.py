@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 FREEDOM = 4.0
 #: Smallest part of a nuisance direction of unit length that counts beside start states.
 _LEAST = 1e-6
+#: Pushes that are displaced at once: their rows fit into a processor's cache.
+_COLUMNS = 64
 #: Iterations of the variances of the white noise.
 ROUNDS = 4
 
@@ -69,18 +71,38 @@ class Displacements:
         """Sum of squared residuals, in variances."""
         return float(sum(one.data @ one.data for one in self._axes))
 
-    def residual(self, axis: int) -> Array:
-        """Return observed minus predicted for a coordinate, (n,), in standard deviations."""
-        return np.asarray(self._axes[axis].data)
+    def products(self, axis: int, parts: Sequence[Array]) -> Array:
+        """Return the products of residuals and displacements by parts of pushes, (k, p) [(m/s^2)^-1].
 
-    def moved(self, axis: int, pushes: Array) -> Array:
-        """Return displacements of a coordinate by pushes [m/s^2], (n, k), in standard deviations."""
-        return self._axes[axis].moved(pushes)
+        With the information on the strengths of the parts they are its normal equations.
+
+        Parameters
+        ----------
+        axis : int
+            The coordinate.
+        parts : sequence of (n, k) arrays
+            The p parts of k pushes [m/s^2].
+        """
+        return np.stack([self._axes[axis].pulled @ part for part in parts], axis=-1)
+
+    def information(self, axis: int, parts: Sequence[Array]) -> Array:
+        """Return the information on the strengths of parts of pushes, (k, p, p) [(m/s^2)^-2].
+
+        It is zero for parts that the nuisance directions contain. A smaller random push makes it larger.
+
+        Parameters
+        ----------
+        axis : int
+            The coordinate.
+        parts : sequence of (n, k) arrays
+            The p parts of k pushes [m/s^2].
+        """
+        return self._axes[axis].information(parts)
 
     def explain(self, pushes: Array) -> None:
         """Remove (n, k, 2) pushes of any strength from the residuals."""
         for axis, one in enumerate(self._axes):
-            one.explain(one.moved(pushes[:, :, axis]))
+            one.explain(pushes[:, :, axis])
 
     def white(self) -> Array:
         """Return the most probable white noise in each row, (n, 2), over its variance [1/board edge]."""
@@ -108,6 +130,8 @@ class _Axis:
     ----------
     data : (n,) array
         Residuals without the nuisance directions, in standard deviations.
+    pulled : (n,) array
+        Their products with displacements by a push in each row [(m/s^2)^-1].
     log_determinant : float
         Half of the logarithm of the determinants of their covariance and of the information on the nuisance
         directions.
@@ -121,24 +145,43 @@ class _Axis:
         # Start states are removed segment by segment, so that few directions remain for all rows.
         left, singular, _ = np.linalg.svd(self._each(_Segment.without_start, basis), full_matrices=False)
         self._fixed = left[:, singular > _LEAST]
-        self.data = data[:, 0]
+        self._keep(data[:, 0])
         logs = [np.log(np.abs(np.diag(one))).sum() for one in (*(one.factor for one in segments), triangle)]
         self.log_determinant = float(np.sum(logs))
 
-    def moved(self, pushes: Array) -> Array:
-        """Return displacements by pushes [m/s^2], (n, k), in standard deviations."""
-        found = np.empty_like(pushes)
-        for one in self._segments:
-            np.matmul(one.moved, pushes[one.rows], out=found[one.rows])
-        found -= self._fixed @ (self._fixed.T @ found)
+    def information(self, parts: Sequence[Array]) -> Array:
+        """Return the information on the strengths of p parts of pushes, (n, k) each, as (k, p, p)."""
+        count = parts[0].shape[1]
+        found = np.empty((count, len(parts), len(parts)))
+        for first in range(0, count, _COLUMNS):
+            columns = slice(first, first + _COLUMNS)
+            moved = [self._moved(part[:, columns]) for part in parts]
+            inside = [self._fixed.T @ one for one in moved]
+            for i, j in itertools.product(range(len(parts)), repeat=2):
+                whole = np.einsum("nk,nk->k", moved[i], moved[j])
+                outside = whole - np.einsum("nk,nk->k", inside[i], inside[j])
+                # A difference this small is rounding.
+                found[columns, i, j] = np.where((i == j) & (outside < _LEAST * whole), 0.0, outside)
         return found
 
-    def explain(self, changes: Array) -> None:
-        """Add (n, k) changes to the nuisance directions."""
+    def explain(self, pushes: Array) -> None:
+        """Add displacements by (n, k) pushes [m/s^2] to the nuisance directions."""
+        changes = self._moved(pushes)
+        changes -= self._fixed @ (self._fixed.T @ changes)
         # A gear whose knob never turns does nothing along its axis.
         seen = changes[:, np.linalg.norm(changes, axis=0) > 0.0]
         self._fixed = np.linalg.qr(np.column_stack([self._fixed, seen]))[0]
-        self.data = self.data - self._fixed @ (self._fixed.T @ self.data)
+        self._keep(self.data - self._fixed @ (self._fixed.T @ self.data))
+
+    def _keep(self, data: Array) -> None:
+        self.data, self.pulled = data, self._each(_Segment.pulled, data)
+
+    def _moved(self, pushes: Array) -> Array:
+        """Return displacements by (n, k) pushes without the directions of start states, in deviations."""
+        found = np.empty(pushes.shape)
+        for one in self._segments:
+            np.matmul(one.moved, pushes[one.rows], out=found[one.rows])
+        return found
 
     def white(self) -> Array:
         """Return the most probable white noise in each row, (n,), over its variance [1/board edge]."""
@@ -181,6 +224,10 @@ class _Segment:
     def whitened(self, changes: Array) -> Array:
         """Return changes (m, k) [board edges] in standard deviations."""
         return np.asarray(solve_triangular(self.factor, changes, lower=True, check_finite=False))
+
+    def pulled(self, changes: Array) -> Array:
+        """Return the products of changes (m,) in standard deviations with displacements by each push."""
+        return np.asarray(changes @ self.moved)
 
     def white(self, changes: Array) -> Array:
         """Return the white noise in changes (m,) in standard deviations, over its variance [1/board edge]."""

@@ -6,7 +6,7 @@ differentiated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -232,14 +232,14 @@ class Regressors:
     def _laws(self, name: str, powers: Sequence[float]) -> Iterator[Term]:
         """Yield power laws of the speed, against the motion or perpendicular to it."""
         for power in powers:
-            found = self._sized(self._power_law(name, power)[:, None])
+            found = self._sized(_by_axis(self._power_law(name, power)[:, None]))
             values = {f"{name}_strength": found.strengths[0], f"{name}_power": power}
             yield Term("velocity", values, tuple(values), found.explained, found.gain)
 
     def _mode(self) -> Term:
         """Return the best mode of the board."""
         rates, dampings = (grid.ravel() for grid in np.meshgrid(RATES, DAMPINGS))
-        found = self._sized(self._swings(rates, dampings))
+        found = self._sized(_by_axis(self._swings(rates, dampings)))
         names = ("mode_gain", "mode_rate_rad_per_s", "mode_damping")
         best = (found.strengths[0], float(rates[found.place]), float(dampings[found.place]))
         values = dict(zip(names, best, strict=True))
@@ -289,58 +289,24 @@ class Regressors:
         profiles = grid.of(self._values[grid.variable])
         changes = [profiles * pushes[:, axis : axis + 1] for axis in (0, 1)]
 
-        def fitted(missed: Displacements) -> tuple[Array, Array]:
-            strengths, explained = np.zeros((2, len(grid.phases))), np.zeros(len(grid.phases))
-            for axis in (0, 1):
-                moved = missed.moved(axis, changes[axis])
-                along, length = missed.residual(axis) @ moved, np.einsum("nk,nk->k", moved, moved)
-                strengths[axis] = along / np.maximum(length, 1e-300)
-                explained += strengths[axis] * along
-            return strengths, explained
-
-        found = self._best(fitted)
+        found = self._best([[one] for one in changes])
         return _term(grid, found, dict(zip(names, found.strengths, strict=True)))
 
     def _braked(self, grid: Grid, law: Array, power: float) -> Term:
         """Return the best profile as a change of the drag."""
         profiles = grid.of(self._values[grid.variable])
-        found = self._sized(profiles[:, :, None] * law[:, None])
+        found = self._sized([profiles * law[:, axis : axis + 1] for axis in (0, 1)])
         return _term(grid, found, {BRAKE: found.strengths[0], "drag_power": power})
 
-    def _sized(self, pushes: Array) -> Found:
-        """Return the best of (n, k, 2) pushes with one strength."""
-
-        def fitted(missed: Displacements) -> tuple[Array, Array]:
-            along, length = np.zeros(pushes.shape[1]), np.zeros(pushes.shape[1])
-            for axis in (0, 1):
-                moved = missed.moved(axis, pushes[:, :, axis])
-                along += missed.residual(axis) @ moved
-                length += np.einsum("nk,nk->k", moved, moved)
-            strengths = along / np.maximum(length, 1e-300)
-            return strengths[None], strengths * along
-
-        return self._best(fitted)
+    def _sized(self, pushes: Sequence[Array]) -> Found:
+        """Return the best of k pushes with one strength, (n, k) along each axis."""
+        return self._best([[one] for one in pushes], shared=True)
 
     def _wave(self, variable: str, vectors: Array) -> Term:
         """Return the best wave among (k, c) wave vectors over the c components of a variable."""
         angles = self._values[variable] @ vectors.T
         waves_of = np.cos(angles), np.sin(angles)
-
-        def fitted(missed: Displacements) -> tuple[Array, Array]:
-            amplitudes, explained = np.zeros((len(vectors), 2, 2)), np.zeros(len(vectors))
-            for axis in (0, 1):
-                parts = [missed.moved(axis, part) for part in waves_of]
-                gram = np.array([[np.einsum("nk,nk->k", a, b) for b in parts] for a in parts]).transpose(
-                    2, 0, 1
-                )
-                gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(2)
-                gram += 1e-300 * np.eye(2)
-                right = np.array([missed.residual(axis) @ part for part in parts]).T
-                amplitudes[:, axis] = np.linalg.solve(gram, right[..., None])[..., 0]
-                explained += (amplitudes[:, axis] * right).sum(axis=1)
-            return amplitudes.reshape(-1, 4).T, explained
-
-        found = self._best(fitted)
+        found = self._best([waves_of, waves_of])
         # Both axes share one phase, that of the larger amplitude.
         amplitude = np.reshape(found.strengths, (2, 2))
         cosine, sine = amplitude[:, 0], amplitude[:, 1]
@@ -349,22 +315,74 @@ class Regressors:
         grid = waves(variable, vectors[found.place : found.place + 1], float(phase % (2.0 * np.pi)))
         return _term(grid, found._replace(place=0), dict(zip(PUSH, push.tolist(), strict=True)))
 
-    def _best(self, fitted: Callable[[Displacements], tuple[Array, Array]]) -> Found:
+    def _best(self, parts: Sequence[Sequence[Array]], *, shared: bool = False) -> Found:
         """Return the best of k pushes over all sizes of the random push.
 
-        For each size, `fitted` returns the strengths (m, k) of the pushes, and the sums of squares (k,) that
-        they explain.
+        The information on strengths grows as the random push becomes smaller. With the information beside a
+        larger one, a push explains at least as much, and it is calculated only for pushes that might win.
+
+        Parameters
+        ----------
+        parts : sequences of (n, k) arrays
+            For each axis, the parts of the pushes whose strengths differ.
+        shared : bool
+            Whether both axes have the same strengths.
         """
         plain = max(one.log_likelihood for one in self._missed)
-
-        def found(missed: Displacements) -> Found:
-            strengths, explained = fitted(missed)
+        count = parts[0][0].shape[1]
+        best, gains, information = None, np.full(count, np.inf), None
+        for missed in self._missed:
+            least = missed.log_likelihood - plain
+            products = [missed.products(axis, of_axis) for axis, of_axis in enumerate(parts)]
+            if information is not None:
+                gains = least + 0.5 * _explained(information, products, shared=shared)[1]
+            places = np.flatnonzero(gains > (-np.inf if best is None else best.gain))
+            if not len(places):
+                continue
+            more = [
+                missed.information(
+                    axis, [one[:, places] for one in of_axis] if len(places) < count else of_axis
+                )
+                for axis, of_axis in enumerate(parts)
+            ]
+            if information is None:
+                information = more
+            else:
+                for one, own in zip(information, more, strict=True):
+                    one[places] = own
+            strengths, explained = _explained(more, [one[places] for one in products], shared=shared)
             index = int(np.argmax(explained))
             most = float(explained[index])
-            share, gain = most / max(missed.total, 1e-300), missed.log_likelihood + 0.5 * most - plain
-            return Found(index, strengths[:, index].tolist(), share, gain)
+            share, gain = most / max(missed.total, 1e-300), least + 0.5 * most
+            if best is None or gain > best.gain:
+                best = Found(int(places[index]), strengths[index].ravel().tolist(), share, gain)
+        assert best is not None
+        return best
 
-        return max(map(found, self._missed), key=lambda one: one.gain)
+
+def _explained(
+    information: Sequence[Array], products: Sequence[Array], *, shared: bool
+) -> tuple[Array, Array]:
+    """Return strengths (k, axes, p) of k pushes, and the sums of squares (k,) that they explain.
+
+    Parameters
+    ----------
+    information : sequence of (k, p, p) arrays
+        For each axis, the information on the strengths of p parts.
+    products : sequence of (k, p) arrays
+        For each axis, the products of residuals and displacements by the parts.
+    shared : bool
+        Whether both axes have the same strengths; these are returned once.
+    """
+    gram, right = np.stack(information, axis=1), np.stack(products, axis=1)
+    if shared:
+        gram, right = gram.sum(axis=1, keepdims=True), right.sum(axis=1, keepdims=True)
+    identity = np.eye(gram.shape[-1])
+    # Parts may depend on each other, or be contained in the nuisance directions.
+    size = np.trace(gram, axis1=-2, axis2=-1)[..., None, None]
+    strengths = np.linalg.solve(gram + (1e-9 * size + 1e-300) * identity, right[..., None])[..., 0]
+    strengths = np.where(size[..., 0] > 0.0, strengths, 0.0)
+    return strengths, (strengths * right).sum(axis=(1, 2))
 
 
 class Found(NamedTuple):
@@ -374,6 +392,11 @@ class Found(NamedTuple):
     strengths: list[float]
     explained: float
     gain: float
+
+
+def _by_axis(pushes: Array) -> list[Array]:
+    """Return (n, k, 2) pushes as one (n, k) array for each axis."""
+    return [pushes[..., axis] for axis in (0, 1)]
 
 
 def _term(grid: Grid, found: Found, sizes: Mapping[str, float]) -> Term:

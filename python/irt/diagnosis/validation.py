@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -58,12 +58,15 @@ class HeldOut:
         Log posterior of the set without each recording [nats]; NaN if values are from free runs.
     fits : tuple of Scored
         The set fitted without each recording.
+    whole : Scored
+        The set fitted to all recordings.
     """
 
     values: Array
     runs: tuple[Held, ...]
     scores: Array
     fits: tuple[Scored, ...]
+    whole: Scored
 
     @property
     def is_proof(self) -> bool:
@@ -84,19 +87,26 @@ class HeldOut:
     @functools.cached_property
     def likelihoods(self) -> Array:
         """Log-likelihood of each recording by the filter with values fitted to the others [nats]."""
+        return self._likelihoods(self.fits)
+
+    @functools.cached_property
+    def fitted(self) -> Array:
+        """The same with values fitted to all recordings [nats]."""
+        return self._likelihoods([self.whole])
+
+    def _likelihoods(self, fits: Sequence[Scored]) -> Array:
+        """Return the log-likelihood of each held-out recording by its own fit, or by the only one [nats]."""
         if not self.fits:
             return np.zeros(0)
-        one = self.fits[0]
-        tops = [each.top for each in self.fits]
+        one = self.whole
+        tops = [each.top for each in fits]
         values, noise = (np.array([getattr(top, what) for top in tops]) for what in ("values", "noise"))
-        problem = Scores.of(one).problem(one.effects)
-        filtered = problem.filter(values, noise, [top.states for top in tops])
+        found = Scores.of(one).problem(one.effects).filter(values, noise, [top.states for top in tops])
+        if len(found) == 1:
+            found *= len(self.fits)
         folds = np.unique(one.dataset.folds)
-        found = [
-            each.log_likelihood[one.dataset.run_folds == fold]
-            for each, fold in zip(filtered, folds, strict=True)
-        ]
-        return np.array([float(of_run.sum()) for of_run in found])
+        parts = zip(folds, found, strict=True)
+        return np.array([each.log_likelihood[one.dataset.run_folds == fold].sum() for fold, each in parts])
 
     @functools.cached_property
     def mae(self) -> float:
@@ -149,9 +159,13 @@ class Validation:
         return bool(gains.sum() > config.SURE) and _agree(gains)
 
     def likelihood_gains(self, one: Scored, than: Scored) -> Array:
-        """Return the gain in log-likelihood of each held-out recording over another set, (r,) [nats]."""
-        here, other = (self.of(each.filtered or each).likelihoods for each in (one, than))
-        return here - other
+        """Return the gain in log-likelihood of each held-out recording over another set, (r,) [nats].
+
+        A recording that is held out does not speak more clearly for a set than one that is fitted: what it
+        gains beyond that, the other set lost because it was refitted to another of its maxima.
+        """
+        here, other = (self.of(each.filtered or each) for each in (one, than))
+        return np.minimum(here.likelihoods - other.likelihoods, here.fitted - other.fitted)
 
     def difference(self, one: Scored, other: Scored) -> float:
         """Return the root mean square difference of two sets' predictions [board edges].
@@ -177,7 +191,7 @@ def _held_out(one: Scored) -> HeldOut:
     dataset = one.dataset
     folds = np.unique(dataset.folds)
     if len(folds) < 2:
-        return HeldOut(np.zeros((0, len(one.names))), _of_fit(one), np.zeros(0), ())
+        return HeldOut(np.zeros((0, len(one.names))), _of_fit(one), np.zeros(0), (), one)
     fits = tuple(_fitted_without(one, folds))
     found = {int(fold): each for fold, each in zip(folds, fits, strict=True)}
     runs = tuple(
@@ -185,7 +199,7 @@ def _held_out(one: Scored) -> HeldOut:
         for index, recording in enumerate(dataset.rig.recordings)
     )
     scores = [np.nan if one.is_free else each.score for each in fits]
-    return HeldOut(np.array([list(each.values.values()) for each in fits]), runs, np.array(scores), fits)
+    return HeldOut(np.array([list(each.values.values()) for each in fits]), runs, np.array(scores), fits, one)
 
 
 def _of_fit(one: Scored) -> tuple[Held, ...]:

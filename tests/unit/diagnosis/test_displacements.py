@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from irt.diagnosis.displacements import Displacements, row_variances
 from irt.diagnosis.free_motion import Rows, integrator
@@ -79,9 +81,9 @@ def test_the_strength_of_a_push_is_known_as_well_as_it_says():
     errors = []
     for seed in range(40):
         found = displacements(free(seed, strength * wave))
-        along = found.moved(0, wave[:, None])[:, 0]
-        information = along @ along
-        errors.append((along @ found.residual(0) / information - strength) * np.sqrt(information))
+        information = found.information(0, [wave[:, None]])[0, 0, 0]
+        fitted = found.products(0, [wave[:, None]])[0, 0] / information
+        errors.append((fitted - strength) * np.sqrt(information))
     assert np.abs(np.mean(errors)) < 4.0 / np.sqrt(40)
     assert np.std(errors) == pytest.approx(1.0, abs=4.0 / np.sqrt(80))
 
@@ -94,7 +96,29 @@ def test_what_is_explained_is_gone_at_any_strength():
     for one in (weak, strong):
         one.explain(pushes)
     assert strong.total == pytest.approx(weak.total, rel=1e-6)
-    assert np.abs(strong.moved(0, wave[:, None])).max() < 1e-6
+    assert strong.information(0, [wave[:, None]]) == 0.0
+
+
+@given(seed=st.integers(0, 10_000), shares=st.tuples(*[st.floats(0.0, 1.0)] * 2))
+def test_less_random_push_never_takes_information_away(seed, shares):
+    """With this bound a search leaves pushes out that cannot win."""
+    random = np.random.default_rng(seed)
+    parts = list(random.standard_normal((2, len(rows().time), 3)))
+    small, large = (
+        displacements(free(seed), with_less_push(NOISE, share)).information(0, parts)
+        for share in sorted(shares)
+    )
+    least = np.linalg.eigvalsh(small - large).min(axis=1)
+    assert (least > -1e-9 * np.trace(large, axis1=1, axis2=2)).all()
+
+
+def test_parts_of_a_push_do_not_depend_on_the_others_tried():
+    """Pushes are displaced in blocks; each has the information of its own."""
+    random = np.random.default_rng(0)
+    pushes = random.standard_normal((len(rows().time), 150))
+    found = displacements(free(0))
+    alone = np.array([found.information(0, [pushes[:, [one]]])[0] for one in (0, 63, 64, 149)])
+    assert found.information(0, [pushes])[[0, 63, 64, 149]] == pytest.approx(alone, rel=1e-9)
 
 
 def test_outliers_of_the_tracker_get_variances_of_their_own():

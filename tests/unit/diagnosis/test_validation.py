@@ -114,3 +114,25 @@ def test_models_with_other_time_scales_are_compared_in_the_same_windows(plant, s
     np.testing.assert_array_equal(first, second)
     # A second has 16 rows by the stamps, and 240 / 25 in the middle of the range of time scales.
     assert first[1] - first[0] == (16 if stamped else 10)
+
+
+class RefittedElsewhere(Validation):
+    """A validation in which the fits of the five parameters without a recording end far from the best."""
+
+    def of(self, one):
+        found = super().of(one)
+        if one.effects:
+            return found
+        moved = [replace(fit.top, values=fit.top.values * 1.2) for fit in found.fits]
+        fits = tuple(replace(fit, top=top) for fit, top in zip(found.fits, moved, strict=True))
+        return replace(found, fits=fits)
+
+
+def test_no_recording_gains_by_the_refits_of_the_other_set(plant):
+    one = fitted(plant([DRAG], runs=4, rows=60, stamped=True))
+    base = Scores(one.dataset).base()
+    whole = Validation().of(one).fitted - Validation().of(base).fitted
+    elsewhere = RefittedElsewhere()
+    lost = elsewhere.of(one).likelihoods - elsewhere.of(base).likelihoods
+    assert lost.sum() > 2.0 * whole.sum()
+    assert (elsewhere.likelihood_gains(one, base) <= whole).all()
