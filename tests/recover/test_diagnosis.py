@@ -47,8 +47,9 @@ def names(found):
     [
         ({"shape_1": 5.0, "brake_1_m_per_s2": 0.04, "way_1_per_m": 3.0, "drag_power": 0.0}, "path length"),
         ({"mode_gain": 1.0, "mode_rate_rad_per_s": 5.0, "mode_damping": 0.1}, "tilt"),
+        ({"picture_turn_x": -36.0, "picture_turn_y": 24.0}, "a picture that turns or grows with the tilt"),
     ],
-    ids=["resistance that grows with the path", "resonance"],
+    ids=["resistance that grows with the path", "resonance", "picture that turns"],
 )
 def test_physics_outside_the_catalogue_is_learned_and_not_named(values, variable):
     """No other effect stands in for it, although a random push hides on what the push depends."""

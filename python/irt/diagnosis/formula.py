@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from irt.diagnosis.basis import BOUNDED, ROUND, SHAPES
-from irt.diagnosis.terms import BRAKE, GEARS, PROFILES, PUSH, VECTORS, of_slot
+from irt.diagnosis.terms import BRAKE, GEARS, GROWTHS, PROFILES, PUSH, TURNS, VECTORS, of_slot
 
 #: Vector components and profiles below this share of the largest are omitted from a formula.
 LITTLE = 1e-2
@@ -32,7 +32,7 @@ _FUNCTIONS = (
 
 
 def formula(values: dict[str, float]) -> str:
-    """Return the learned push as a formula, in m/s^2, without negligible parts."""
+    """Return the learned correction as a formula, pushes in m/s^2, without negligible parts."""
     values = cleared(values)
     parts, drags, slots = [], [], _profiles(values)
     for slot in slots:
@@ -60,7 +60,16 @@ def formula(values: dict[str, float]) -> str:
         )
     shapes = {round(values[f"shape_{slot}"]) for slot in slots}
     what = ", ridge(s) = -s exp((1 - s^2)/2)" if SHAPES.index("ridge") in shapes else ""
-    return ("a = " + " + ".join(parts)).replace("+ -", "- ") + what
+    pushes = [("a = " + " + ".join(parts)).replace("+ -", "- ") + what] if parts else []
+    return "; ".join([*pushes, *_picture(values)])
+
+
+def _picture(values: dict[str, float]) -> Iterator[str]:
+    """Yield the angle and the growth of the picture as functions of the tilt; zeros are omitted."""
+    for what, names in (("angle of the picture", TURNS), ("growth of the picture", GROWTHS)):
+        rates = [(values[name], symbol) for name, symbol in zip(names, ("tilt_x", "tilt_y"), strict=True)]
+        if any(value for value, _ in rates):
+            yield f"{what} = {_sum(rates, 0.0)}"
 
 
 def _vector(components: Sequence[float], factors: Sequence[str] = ("", "")) -> str:
@@ -89,6 +98,8 @@ def cleared(values: dict[str, float]) -> dict[str, float]:
     for slot in slots:
         for names in (PUSH, GEARS, *VECTORS.values()):
             _clear(kept, [[of_slot(name, slot)] for name in names])
+    for names in (TURNS, GROWTHS):
+        _clear(kept, [[name] for name in names])
     bounded = [slot for slot in slots if SHAPES[round(values[f"shape_{slot}"])] in BOUNDED]
     for names in (PUSH, GEARS, (BRAKE,)):
         _clear(kept, [[of_slot(name, slot) for name in names] for slot in bounded])
@@ -117,6 +128,11 @@ def variables(values: dict[str, float]) -> list[str]:
     ]
     drags = [values["drag_strength"], *(values[f"brake_{slot}_m_per_s2"] for slot in slots)]
     return [*found, *(["speed"] if any(drags) or values["side_strength"] else [])]
+
+
+def turns(values: Mapping[str, float]) -> bool:
+    """Whether the picture turns or grows with the tilt."""
+    return any(values[name] != 0.0 for name in (*TURNS, *GROWTHS))
 
 
 def _profile(values: dict[str, float], slot: int) -> str:

@@ -15,7 +15,7 @@ from irt.diagnosis.regressors import terms_of_motion, terms_of_residuals
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import PUSH, Scored, Scores
 from irt.diagnosis.selection import Report
-from irt.diagnosis.terms import Term, in_slots
+from irt.diagnosis.terms import PICTURE, Term, in_slots, turning_picture
 
 Array = NDArray[np.float64]
 
@@ -43,15 +43,17 @@ def learn(parent: Scored, report: Report) -> Scored | None:
 def _with_another(parent: Scored, now: Scored, report: Report) -> Scored | None:
     """Return the most probable set with one more term.
 
-    Residuals of predictions are looked at only if the observed motion shows no term that gains.
+    A picture that turns is always tried. Residuals of predictions are looked at only if neither that nor a
+    term that the observed motion shows gains.
     """
 
     def tried(terms: list[Term]) -> list[Scored]:
         for term in terms:
-            report(f"a push that depends on {term.variable}")
+            report(term.title)
         return [_first(parent, now, (*now.terms, term)) for term in terms]
 
-    found = [] if parent.effects else tried(terms_of_motion(now, parent))
+    terms = [] if any(term.law == PICTURE for term in now.terms) else [turning_picture()]
+    found = tried(terms if parent.effects else [*terms, *terms_of_motion(now, parent)])
     if not any(one.score > now.score + config.SURE for one in found):
         found += tried(terms_of_residuals(now))
     return _thorough(max(found, key=_finite)) if found else None

@@ -27,7 +27,7 @@ from irt.diagnosis.basis import (
 from irt.diagnosis.displacements import Displacements, row_variances
 from irt.diagnosis.free_motion import LONGEST, PULL_OF_SLOPE, Free, free_motion
 from irt.diagnosis.score import Scored, with_less_push
-from irt.diagnosis.terms import BRAKE, GEARS, LAWS, MODE, PROFILES, PUSH, VECTORS, Term
+from irt.diagnosis.terms import BRAKE, GEARS, LAWS, MODE, PICTURE, PROFILES, PUSH, VECTORS, Term
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
@@ -67,7 +67,8 @@ AT = 0.1
 def terms_of_motion(now: Scored, base: Scored) -> list[Term]:
     """Return the terms that explain most of the observed motion, of several families.
 
-    The observed motion reveals pushes however poor predictions are, but only if commands act unchanged.
+    The observed motion reveals pushes however poor predictions are, but only if commands act unchanged, and
+    if the picture does not turn.
 
     Parameters
     ----------
@@ -76,6 +77,8 @@ def terms_of_motion(now: Scored, base: Scored) -> list[Term]:
     base : Scored
         The five parameters alone.
     """
+    if any(term.law == PICTURE for term in now.terms):
+        return []
     return _likely(now, _free(base, SEEN, weak=True), base, FAMILIES)
 
 
@@ -339,12 +342,8 @@ class Regressors:
             places = np.flatnonzero(gains > (-np.inf if best is None else best.gain))
             if not len(places):
                 continue
-            more = [
-                missed.information(
-                    axis, [one[:, places] for one in of_axis] if len(places) < count else of_axis
-                )
-                for axis, of_axis in enumerate(parts)
-            ]
+            chosen = parts if len(places) == count else [[one[:, places] for one in each] for each in parts]
+            more = [missed.information(axis, of_axis) for axis, of_axis in enumerate(chosen)]
             if information is None:
                 information = more
             else:

@@ -2,7 +2,8 @@
 
 It contains profiles (waves, steps, bells, ridges, spots, lines, bowls, saddles) of a push, of a drag or of
 the gears over position, velocity, heading, tilt, time and path length; power laws of the speed, against the
-motion and perpendicular to it; and an oscillation mode of the board.
+motion and perpendicular to it; an oscillation mode of the board; and a picture that turns and grows with the
+tilt.
 """
 
 from __future__ import annotations
@@ -23,12 +24,16 @@ VECTORS = {
     "time": ("rate_1_per_s",),
     "way": ("way_1_per_m",),
 }
-#: Terms other than profiles: power laws of the speed, against the motion and perpendicular to it, and the
-#: mode.
+#: Terms other than profiles: power laws of the speed, against the motion and perpendicular to it, the mode,
+#: and the picture.
 LAWS = ("drag", "side")
 MODE = "mode"
+PICTURE = "picture"
+#: Rates of the picture's angle and growth for each radian of the board about x and about y.
+TURNS = ("picture_turn_x", "picture_turn_y")
+GROWTHS = ("picture_growth_x_per_rad", "picture_growth_y_per_rad")
 #: Size parameters of these terms.
-_SIZES = {"drag_strength": "drag", "side_strength": "side", "mode_gain": MODE}
+_SIZES = {"drag_strength": "drag", "side_strength": "side", "mode_gain": MODE, TURNS[0]: PICTURE}
 #: Amplitudes of a profile: push and drag.
 PUSH = ("push_1_x_m_per_s2", "push_1_y_m_per_s2")
 BRAKE = "brake_1_m_per_s2"
@@ -62,7 +67,7 @@ class Term:
 
     @property
     def law(self) -> str | None:
-        """Name of a power law, "drag" or "side", or of a mode, "mode"; None for a profile."""
+        """Name of a law other than a profile: "drag", "side", "mode" or "picture"; None for a profile."""
         return next((name for size, name in _SIZES.items() if size in self.values), None)
 
     @property
@@ -88,6 +93,11 @@ class Term:
         return self.law or next((what for what, name in changed.items() if name in self.values), "push")
 
     @property
+    def title(self) -> str:
+        """The term in words."""
+        return f"a {'picture' if self.law == PICTURE else 'push'} that depends on {self.variable}"
+
+    @property
     def shape(self) -> str:
         """The shape of a profile."""
         return SHAPES[round(self.values["shape_1"])]
@@ -101,6 +111,16 @@ class Term:
         """Return the term in another slot of the engine's profiles."""
         values = {of_slot(name, slot): value for name, value in self.values.items()}
         return replace(self, values=values, free=tuple(of_slot(name, slot) for name in self.free))
+
+
+def turning_picture() -> Term:
+    """Return a picture that turns and grows with the tilt, with rates near zero.
+
+    Displacements by large angles are not proportional to them, and walls are seen elsewhere, so that no
+    regression finds the rates. From zero, the likelihood of complete recordings leads to them.
+    """
+    values = dict.fromkeys((*TURNS, *GROWTHS), 0.01)
+    return Term("command", values, tuple(values), 0.0, 0.0)
 
 
 def of_slot(name: str, slot: int) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from irt.catalogue import effect
 from irt.diagnosis.dataset import Dataset, Fitted
-from irt.diagnosis.formula import formula, variables
+from irt.diagnosis.formula import formula, turns, variables
 from irt.diagnosis.result import UNLISTED, NamedEffect
 from irt.display import in_rows, listed
 from irt.files import as_typed
@@ -76,9 +76,15 @@ def summary(
         if one.confusable_with
     )
     more = _MORE if leaves and all(one.name != UNLISTED for one in effects) else ""
+    what = f"the error on {which} falls from {_percent(before)} to {_percent(after)} of the board's edge"
+    if after >= before or _percent(after) == _percent(before):
+        # Effects are also named because each row is likelier with them; errors of long runs may hide it.
+        what = (
+            f"{which} {'are' if heldout else 'is'} likelier row by row, but the error does not fall "
+            f"({_percent(before)} of the board's edge without, {_percent(after)} with)"
+        )
     return (
-        f"The simulator lacks {named}: with {'it' if one else 'them'}, the error on {which} falls from "
-        f"{_percent(before)} to {_percent(after)} of the board's edge; tracker noise alone gives "
+        f"The simulator lacks {named}: with {'it' if one else 'them'}, {what}; tracker noise alone gives "
         f"{floor}.{ties}{more}"
     )
 
@@ -97,8 +103,8 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
         return f"To distinguish {pairs}, record the run designed by {command}, and diagnose again."
     if any(one.name == UNLISTED for one in effects):
         return (
-            "The push is not in the catalogue: look at its formula, and at the positions, speeds or commands "
-            "at which it acts. More recordings there would determine it better."
+            "The correction is not in the catalogue: look at its formula, and at the positions, speeds or "
+            "commands at which it acts. More recordings there would determine it better."
         )
     if effects:
         names = " and ".join(one.name for one in effects)
@@ -161,8 +167,11 @@ def notes(
 
 def _shown(one: NamedEffect, row_s: float | None) -> str:
     if one.name == UNLISTED:
-        depends = " and ".join(variables({name: value.value for name, value in one.parameters.items()}))
-        return f"a push that is not in the catalogue and that depends on {depends}"
+        learned = {name: value.value for name, value in one.parameters.items()}
+        depends = " and ".join(variables(learned))
+        parts = [f"a push that is not in the catalogue and that depends on {depends}"] if depends else []
+        parts += ["a picture that turns or grows with the tilt"] if turns(learned) else []
+        return " and ".join(parts)
     sizes = [(name, parameter.value, one.units.get(name, "")) for name, parameter in one.parameters.items()]
     if row_s is not None:
         sizes = [in_rows(*parameter, row_s) for parameter in sizes]

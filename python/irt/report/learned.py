@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from irt.diagnosis.basis import ROUND, SHAPES, shaped
 from irt.diagnosis.formula import cleared
 from irt.diagnosis.result import NamedEffect
-from irt.diagnosis.terms import PROFILES, VECTORS, of_slot
+from irt.diagnosis.terms import GROWTHS, PROFILES, TURNS, VECTORS, of_slot
 from irt.model import Parameter
 from irt.report.page import Table
 from irt.report.words import in_rows, quantity, scaled, with_interval
@@ -38,6 +38,8 @@ VARIABLES = {
 #: Speed at which drags and lateral pushes are given [m/s], the reference of the engine's power laws.
 REFERENCE_SPEED = 0.1
 _MODE = "mode of the board"
+#: Rates of the picture: the quantity, its unit per mrad of tilt, and units per SI unit.
+_PICTURE = (("angle", TURNS, "°/mrad", 0.18 / np.pi), ("growth", GROWTHS, "%/mrad", 0.1))
 #: Shapes with a width; lines, bowls and saddles have none.
 _OF_A_WIDTH = ("step", "bell", "ridge", "spot")
 
@@ -187,6 +189,15 @@ def _rows(one: NamedEffect, row_s: float | None) -> Iterator[list[str]]:
             _, period, unit = in_rows("period_s", period, unit, row_s)
         amplitude = f"gain {with_interval(gain)}, damping {with_interval(damping)}"
         yield [_MODE, "tilt", quantity(period.value, unit), "-", amplitude]
+    values = cleared({name: parameter.value for name, parameter in one.parameters.items()})
+    for what, names, unit, factor in _PICTURE:
+        rates = [
+            f"{with_interval(scaled(factor, one.parameters[name]))} {unit} about {axis}"
+            for name, axis in zip(names, "xy", strict=True)
+            if values[name]
+        ]
+        if rates:
+            yield ["picture", "tilt", "-", "-", f"{what} {', '.join(rates)}"]
 
 
 def _amplitude(part: str, value: Parameter, row_s: float | None) -> str:

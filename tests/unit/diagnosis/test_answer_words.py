@@ -55,6 +55,13 @@ def test_one_recording_is_fitted_and_not_predicted():
     assert "held-out" not in summary([], noise=0.001, before=0.001, after=0.001, heldout=False)
 
 
+@pytest.mark.parametrize("after", [0.04, 0.0401, 0.05])
+def test_no_error_is_said_to_fall_that_does_not(after):
+    text = summary([effect()], noise=0.001, before=0.04, after=after, heldout=True)
+    assert "falls" not in text
+    assert "held-out recordings are likelier row by row, but the error does not fall (4 % of" in text
+
+
 def test_a_mismatch_that_nothing_explains_is_not_called_sufficient():
     text = summary([], noise=0.001, before=0.04, after=0.04, heldout=True, explained=False)
     assert "no missing physics" not in text

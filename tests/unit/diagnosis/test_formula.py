@@ -3,7 +3,7 @@
 import pytest
 
 from irt.catalogue import effect
-from irt.diagnosis.formula import formula, variables
+from irt.diagnosis.formula import formula, turns, variables
 from irt.diagnosis.result import UNLISTED
 
 
@@ -72,3 +72,14 @@ def neutral(**changes):
 def test_a_formula_says_what_was_learned(changes, text, depends):
     assert formula(neutral(**changes)) == f"a = {text}"
     assert variables(neutral(**changes)) == depends
+
+
+def test_a_picture_that_turns_is_no_push():
+    turning = neutral(picture_turn_x=-18.0, picture_turn_y=0.01, picture_growth_y_per_rad=2.0)
+    assert turns(turning)
+    assert not turns(neutral(mode_gain=1.0))
+    assert variables(turning) == []
+    assert formula(turning) == "angle of the picture = -18 tilt_x; growth of the picture = 2 tilt_y"
+    both = formula(turning | {"mode_gain": 1.0})
+    assert both.startswith("a = 5/7 g")
+    assert both.endswith(formula(turning))

@@ -147,6 +147,18 @@ def test_what_is_planted_is_learned_first_and_needs_no_push(plant, planted, fami
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("size", [1.0, 6.0])
+def test_a_picture_that_turns_is_learned_from_small_and_large_angles(plant, size):
+    rates = {"picture_turn_x": 8.0 * size, "picture_turn_y": -5.0 * size, "picture_growth_x_per_rad": 2.0}
+    base, found = learned(plant([{"name": UNLISTED, **rates}], runs=6, rows=100, stamped=True))
+    assert found.terms[0].family == ("command", "picture")
+    assert found.score > base.score + config.SURE
+    assert found.fitted.noise < 1.3 * base.dataset.noise < base.fitted.noise
+    values = found.fitted.value_of(UNLISTED)
+    assert {name: values[name] for name in rates} == pytest.approx(rates, abs=1.0)
+
+
+@pytest.mark.slow
 def test_what_is_learned_simulates_and_leaves_noise(plant):
     base, found = learned(plant([wave()], runs=6, stamped=True))
     assert found.fitted.noise < 1.3 * base.dataset.noise < base.fitted.noise

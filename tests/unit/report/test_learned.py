@@ -79,6 +79,14 @@ def test_laws_of_the_speed_and_the_mode_are_described():
     assert "0.628\N{NO-BREAK SPACE}s" in lines[1]
 
 
+def test_a_picture_is_described_by_its_rates():
+    one = correction(picture_turn_x=(10.0, 9.0, 11.0), picture_turn_y=0.01, picture_growth_y_per_rad=-2.0)
+    assert list(described(one, None)) == [
+        "picture over tilt: angle 0.57 (0.52 to 0.63) °/mrad about x",
+        "picture over tilt: growth -0.2 %/mrad about y",
+    ]
+
+
 def test_without_stamps_nothing_is_in_seconds():
     one = correction(push_1_x_m_per_s2=(0.02, 0.01, 0.05), rate_1_per_s=2.0, drag_strength=0.3, mode_gain=0.5)
     lines = "\n".join(described(one, 0.1))

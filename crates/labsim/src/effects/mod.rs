@@ -84,7 +84,7 @@ pub(crate) trait Effect<S: Simd>: Clone {
     /// [`Hook::OnSpin`]: the board's torque against a spin about the vertical, divided by weight and radius.
     fn spin(&self, _friction: &mut Lanes<S>) {}
 
-    /// [`Hook::OnPicture`]: position of a marble in the picture (board edges) at the board's angles.
+    /// [`Hook::OnPicture`] and [`Hook::OnMarbleAndPicture`]: position of a marble in the picture (board edges) at the board's angles.
     #[inline(always)]
     fn see(&self, _seen: &mut Pair<S>, _tilt: &Pair<S>) {}
 

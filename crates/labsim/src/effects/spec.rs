@@ -54,6 +54,8 @@ pub(crate) enum Hook {
     OnTilt,
     /// The marble's acceleration in each substep.
     OnMarble(Memory),
+    /// The marble's acceleration, which depends on the time, and the marble's position in the picture.
+    OnMarbleAndPicture,
     /// The rim.
     OnRims,
     /// The board's friction against spin about the vertical.
@@ -66,13 +68,23 @@ pub(crate) enum Hook {
     OnGauge,
 }
 
+impl Hook {
+    /// Whether the effect accelerates the marble.
+    pub(crate) fn is_on_marble(self) -> bool {
+        matches!(self, Self::OnMarble(_) | Self::OnMarbleAndPicture)
+    }
+
+    /// Whether the effect moves the marble in the picture.
+    pub(crate) fn is_on_picture(self) -> bool {
+        matches!(self, Self::OnPicture | Self::OnMarbleAndPicture)
+    }
+}
+
 /// State that an effect on the marble depends on besides the marble's position and velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Memory {
     /// Nothing.
     None,
-    /// The time, and the board's angles.
-    Time,
     /// The marble's orientation, from its path.
     Turning,
 }

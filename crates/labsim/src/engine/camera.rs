@@ -63,7 +63,7 @@ impl<S: Simd> Camera<S> {
             edges_per_m: Lanes::from_fn(simd, |lane| {
                 job(lane).parameters.observation_scale / setup.rig.board.edge_x_m
             }),
-            effects: effects(|acts| acts == Hook::OnPicture),
+            effects: effects(Hook::is_on_picture),
             age,
             schedule,
         }

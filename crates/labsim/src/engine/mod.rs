@@ -208,7 +208,11 @@ impl Setup<'_> {
         !self.any(|acts| match acts {
             Hook::OnTilt | Hook::OnRims | Hook::OnSpin | Hook::OnPicture | Hook::OnGauge => false,
             Hook::OnKnob { moves } => moves,
-            Hook::OnArrival | Hook::OnClock | Hook::OnMarble(_) | Hook::OnExposure => true,
+            Hook::OnArrival
+            | Hook::OnClock
+            | Hook::OnMarble(_)
+            | Hook::OnMarbleAndPicture
+            | Hook::OnExposure => true,
         })
     }
 
@@ -257,7 +261,7 @@ impl Setup<'_> {
             way: Lanes::from_fn(simd, |lane| job(lane).rolled),
             turned: [0, 1, 2].map(|axis| Lanes::from_fn(simd, |lane| job(lane).turned[axis])),
         };
-        let mut forces = self.acting(simd, |acts| matches!(acts, Hook::OnMarble(_)), job);
+        let mut forces = self.acting(simd, Hook::is_on_marble, job);
         for effect in &mut forces {
             effect.pass(tilt, Lanes::splat(simd, 0.0));
             effect.let_go(&before);

@@ -1,7 +1,7 @@
 //! The problem of a fit: model, free parameters, recordings.
 
 use crate::board::Rig;
-use crate::effects::{EffectSpec, Hook, Memory, Parameter};
+use crate::effects::{EffectSpec, Hook, Parameter};
 use crate::engine::{Engine, Hold};
 use crate::error::{Error, Result};
 use crate::parameters::{GEAR_Y, NAMES, Parameters, TIME};
@@ -188,7 +188,7 @@ impl Problem<'_> {
                 Hook::OnArrival
                     | Hook::OnClock
                     | Hook::OnKnob { .. }
-                    | Hook::OnMarble(Memory::Time)
+                    | Hook::OnMarbleAndPicture
                     | Hook::OnExposure
             )
         };
@@ -204,7 +204,7 @@ impl Problem<'_> {
     pub(super) fn bends_pictures(&self) -> bool {
         self.effects
             .iter()
-            .any(|one| matches!(one.effect.acts, Hook::OnPicture | Hook::OnExposure))
+            .any(|one| one.effect.acts.is_on_picture() || one.effect.acts == Hook::OnExposure)
     }
 
     /// The tracker's standard deviation (board edges), given or estimated.

@@ -1,13 +1,16 @@
-//! Physics outside the catalogue: profiles over board, velocity, tilt and time, powers of the speed, a vibration mode.
+//! Physics outside the catalogue: profiles over board, velocity, tilt and time, powers of the speed, a vibration mode,
+//! and a picture that turns with the tilt.
 
 mod mode;
+mod picture;
 mod profile;
 
 use pulp::Simd;
 
 use self::mode::Mode;
+use self::picture::Picture;
 use self::profile::{Profile, SADDLE};
-use super::{EffectSpec, Hook, Effect, Memory, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Pair, Push, Rolled, length};
@@ -69,6 +72,10 @@ const fn strength(name: &'static str, means: &'static str) -> Parameter {
 
 const fn gear(name: &'static str, means: &'static str) -> Parameter {
     parameter(name, "", (-1.0, 1.0), 10.0, 0, means)
+}
+
+const fn picture(name: &'static str, unit: &'static str, means: &'static str) -> Parameter {
+    parameter(name, unit, (-50.0, 50.0), 1e3, 2, means)
 }
 
 const fn power(name: &'static str, means: &'static str) -> Parameter {
@@ -157,6 +164,10 @@ macro_rules! parameters {
                 reach: None,
                 means: "damping ratio of the mode",
             },
+            picture("picture_turn_x", "", "angle of the picture from x towards y for each radian of the board about x"),
+            picture("picture_turn_y", "", "the same for each radian about y"),
+            picture("picture_growth_x_per_rad", "1/rad", "growth of the picture for each radian of the board about x"),
+            picture("picture_growth_y_per_rad", "1/rad", "the same for each radian about y"),
         ]
     };
 }
@@ -164,22 +175,23 @@ macro_rules! parameters {
 pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "unlisted",
     stage: Stage::Field,
-    acts: Hook::OnMarble(Memory::Time),
+    acts: Hook::OnMarbleAndPicture,
     hypothesis: false,
     shrunk: false,
     equation: "acceleration = Σ push f(s) - (drag + Σ brake f(s)) (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g (gain (mode - angles) + Σ gear f(s) angles), \
-               s = wave · place + swift · velocity + heading · v̂ + tilt · angles + rate t + way ℓ + phase, d²mode/dt² = rate² (angles - mode) - 2 damping rate d mode/dt",
+               s = wave · place + swift · velocity + heading · v̂ + tilt · angles + rate t + way ℓ + phase, d²mode/dt² = rate² (angles - mode) - 2 damping rate d mode/dt, \
+               seen = (1 + growth · angles) R(turn · angles) seen",
     parameters: parameters!["1" "first", "2" "second", "3" "third", "4" "fourth", "5" "fifth"],
     does: "A stand-in for physics that no effect of the catalogue explains, as far as recordings show it. It has up to five \
            profiles (a wave, step, bell, ridge, round spot, line, bowl or saddle) of push, of drag and of the gears. A profile \
            depends on the place, the marble's velocity and direction, the board's tilt, and the time and path length ℓ since \
            row 0. It also has a drag and a side push with any power of the speed, and a vibration mode of the board on its \
-           knobs. Accelerations are those of the rolling marble as observed, not 7/5 of them. The powers are constant above 1 \
+           knobs, and the picture may turn about its centre and grow with the tilt. Accelerations are those of the rolling marble as observed, not 7/5 of them. The powers are constant above 1 \
            m/s; lines, bowls and saddles are constant beyond 1000 radians. A drag with the power 0 holds a resting marble as \
            friction does.",
     matters: "Where a diagnosis has learned it. It is no hypothesis of its own, because it can imitate many effects.",
     looks: "Residuals that no effect of the catalogue explains: pushes that depend on place, velocity, tilt, time, path length \
-            or the history of the board's angles.",
+            or the history of the board's angles, and pictures that turn or grow with the tilt.",
     references: &[
         "Ljung: System Identification, 2nd ed., ch. 5 (models of nonlinear systems)",
         "Brunton, Proctor, Kutz: Discovering governing equations from data by sparse identification of nonlinear dynamical \
@@ -212,6 +224,7 @@ pub(crate) struct Unlisted<S: Simd> {
     drag: Law<S>,
     side: Option<Law<S>>,
     mode: Option<Mode<S>>,
+    picture: Option<Picture<S>>,
     /// Start of the present substep after row 0, and its length (s).
     time: Lanes<S>,
     length: Lanes<S>,
@@ -239,6 +252,10 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
             drag,
             side: any(side.most).then_some(side),
             mode: any(rest[4]).then(|| Mode::new(rest[4], rest[5], rest[6])),
+            picture: rest[7..11]
+                .iter()
+                .any(|&one| any(one))
+                .then(|| Picture::new([rest[7], rest[8]], [rest[9], rest[10]])),
             time: zero,
             length: zero,
             tilt: None,
@@ -317,6 +334,13 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
         }
         push.x = push.x + x;
         push.y = push.y + y;
+    }
+
+    #[inline(always)]
+    fn see(&self, seen: &mut Pair<S>, tilt: &Pair<S>) {
+        if let Some(picture) = &self.picture {
+            picture.see(seen, tilt);
+        }
     }
 }
 

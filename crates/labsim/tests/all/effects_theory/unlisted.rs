@@ -306,6 +306,27 @@ proptest! {
     }
 
     #[test]
+    fn a_picture_turns_and_grows_by_the_tilt(
+        knob in prop::array::uniform2(-0.1..0.1_f64), place in prop::array::uniform2(-0.08..0.08_f64),
+        turn in prop::array::uniform2(-30.0..30.0_f64), growth in prop::array::uniform2(-2.0..2.0_f64),
+    ) {
+        let named = [
+            ("picture_turn_x", turn[0]), ("picture_turn_y", turn[1]),
+            ("picture_growth_x_per_rad", growth[0]), ("picture_growth_y_per_rad", growth[1]),
+        ];
+        let by = |rates: [f64; 2]| rates[0] * knob[0] + rates[1] * knob[1];
+        let ((sin, cos), size) = (f64::sin_cos(by(turn)), 1.0 + by(growth));
+        for (engine, _) in ENGINES {
+            // Friction holds the marble.
+            let trial = Trial { friction: 0.3, start: place, ..Trial::of(vec![knob; 2]) };
+            let seen = unlisted(trial, &named).run(engine)[1];
+            let within = if engine == Engine::Rolling { 1e-12 } else { 1e-5 };
+            assert_close(seen[0], size * (place[0] * cos - place[1] * sin), within, "along x");
+            assert_close(seen[1], size * (place[0] * sin + place[1] * cos), within, "along y");
+        }
+    }
+
+    #[test]
     fn a_mode_swings_after_a_knob_that_jumps(rate in 3.0..25.0_f64, damping in 0.0..0.9_f64, gain in -1.0..1.0_f64) {
         let (knob, first) = (0.006, 3);
         let commands = (0..16).map(|row| [0.0, if row < first { 0.0 } else { knob }]).collect();
