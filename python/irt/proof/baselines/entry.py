@@ -59,6 +59,11 @@ class Task:
             return float(np.median(recording.durations))
         return float(self.base.values[PARAMETERS.index("time_scale")]) * SUBSTEP_S
 
+    @property
+    def begun(self) -> list[Recording]:
+        """Recordings with a marble in row 0 and afterwards, from which a simulation can start."""
+        return [one for one in self.rig.recordings if one.seen[0] and one.seen.sum() > 1]
+
     def start(self, recording: Recording) -> Array:
         """Return the state in row 0 of a recording, (4,): position [edges] and velocity [edges/s]."""
         state = np.zeros(4)

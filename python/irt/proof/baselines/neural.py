@@ -235,9 +235,9 @@ def _segment(recording: Recording, rows: slice, state: Array) -> Segment:
 
 def enter(task: Task) -> Entry:
     """Train the networks and predict with their mean; name nothing."""
-    recordings = [one for one in task.rig.recordings if one.seen.sum() > 1]
+    recordings = task.begun
     if len(recordings) < 2:
-        return Entry(missing="fewer than two recordings have a marble")
+        return Entry(missing="fewer than two recordings have a marble in row 0")
     members = min(MEMBERS, len(recordings))
     networks = [
         trained(
