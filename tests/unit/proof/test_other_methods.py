@@ -104,7 +104,7 @@ def test_a_network_leaves_a_right_model_alone() -> None:
 
 
 def test_the_gradient_through_a_rollout_is_that_of_differences(warped) -> None:
-    """Away from the rim and from rest, where the base model is smooth."""
+    """As far as the direction of friction, which follows the marble, is left out."""
     given, _ = warped
     batch = neural.Batch.windows(given, given.rig.recordings[:2])
     assert batch is not None
@@ -116,7 +116,7 @@ def test_the_gradient_through_a_rollout_is_that_of_differences(warped) -> None:
         batch.error(network.with_weights(weights + sign * step * along), 0.01) for sign in (1.0, -1.0)
     )
     _, slopes = batch.gradient(network.with_weights(weights), 0.01)
-    assert slopes @ along == pytest.approx((ahead - behind) / (2.0 * step), rel=0.05)
+    assert slopes @ along == pytest.approx((ahead - behind) / (2.0 * step), rel=0.1)
 
 
 def test_sysid_recovers_a_delay() -> None:
