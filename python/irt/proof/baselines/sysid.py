@@ -42,7 +42,7 @@ PARTS, ITERATIONS = (0.3, 1.0), 8
 _GROWTH = 4.0
 #: Distance from a bound at which a round begins, as a share of the range.
 _OFF_BOUND = 2e-3
-#: Steps of the simulation in a row; with twelve, MuJoCo differs twice as much from the base model.
+#: Steps of the simulation in a row; more come closer to the base model, and take as much longer.
 STEPS = 18
 #: Step of finite differences, in the parameters' units.
 STEP = 1e-3
