@@ -66,17 +66,31 @@ def test_the_same_command_keeps_what_is_there(irt, proved: tuple[Path, str]) -> 
 
 
 @pytest.mark.slow
+def test_a_finished_proof_is_drawn_again_from_its_files(irt, proved: tuple[Path, str]) -> None:
+    """Without the numbers of rigs, which its plan has, and without another run of anything."""
+    out, _ = proved
+    picture = out / "proof" / "power.png"
+    drawn = picture.read_bytes()
+    picture.unlink()
+    (out / "proof.md").unlink()
+    done = irt("prove", "--out", out, "--world", "no-such-program")
+    assert (done.status, done.err) == (0, "")
+    assert picture.read_bytes() == drawn
+    assert (out / "proof.md").read_text().startswith("# Proof by concealment\n")
+
+
+@pytest.mark.slow
 def test_other_methods_and_another_place_for_the_page(irt, proved, monkeypatch, tmp_path: Path) -> None:
     out, _ = proved
     contest = import_module("irt.proof.contest")
-    assert set(contest.METHODS) == {"alone", "single", "gaussian", "sindy", "whiteness"}
+    assert set(contest.METHODS) == {"alone", "single", "gaussian", "neural", "sysid", "sindy", "whiteness"}
     page = tmp_path / "docs" / "card.md"
     done = irt("prove", *TINY, "--out", out, "--baselines", "--page", page)
     assert (done.status, done.err) == (0, "")
     text = page.read_text()
     assert "## Beside other methods" in text
     assert "best single effect by training error" in text
-    assert len(json.loads((page.with_suffix("") / "scores.json").read_text())["baselines"]) == 10
+    assert len(json.loads((page.with_suffix("") / "scores.json").read_text())["baselines"]) == 14
 
 
 @pytest.mark.slow

@@ -87,6 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  irt prove --out proof               12 rigs, minutes; the same command resumes after Ctrl-C\n"
         "  irt prove --full --out proof-full   all rigs, by one commit; writes docs/proof.md\n"
         "  irt prove --full --rigs 60 --nulls 60 --out proof-full   a smaller one\n"
+        "  irt prove --out proof               once more: page and pictures again, from its files\n"
         "  irt prove --verify --out proof      check that nothing was altered\n"
         "  irt prove --rigs 20 --nulls 10 --jobs 2 --baselines --out proof\n"
         "  irt prove --real my-rig --out real   your recordings with a measured tilt, minutes"
@@ -154,6 +155,7 @@ def _prove_real(args: argparse.Namespace) -> None:
 def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
     """Run the remaining steps; return the scores and their page."""
     from irt.cli.progress import progress_bar
+    from irt.files import read_json
     from irt.proof.hash_chain import Places
     from irt.proof.plan import FULL, Plan
     from irt.proof.provenance import clean_commit, this_code
@@ -162,10 +164,17 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
     from irt.proof.scorecard import write_scorecard
     from irt.workers.choice import make_workers
 
-    hidden, nulls = FULL if args.full else _QUICK
-    plan = Plan.of(hidden if args.rigs is None else args.rigs, nulls if args.nulls is None else args.nulls)
+    there = Places(args.out)
+    if there.keys.exists() and args.rigs is None and args.nulls is None:
+        # A finished proof is drawn again without its numbers of rigs.
+        plan = Plan(**read_json(there.plan)["plan"])
+    else:
+        hidden, nulls = FULL if args.full else _QUICK
+        plan = Plan.of(
+            hidden if args.rigs is None else args.rigs, nulls if args.nulls is None else args.nulls
+        )
     # A proof with nothing more to run may be scored again, after its own page has changed the checkout.
-    finished = all(Places(args.out).contest(name).exists() for name in plan.names())
+    finished = all(there.contest(name).exists() for name in plan.names())
     commit = clean_commit() if args.full and not finished else ""
     world = shlex.split(args.world) if args.world else _world(thirds=args.full)
     jobs = args.jobs or os.cpu_count() or 1

@@ -18,14 +18,14 @@ import numpy as np
 
 from irt.errors import IrtError
 from irt.files import write_atomic
-from irt.proof.baselines import alone, gaussian, sindy, single, whiteness
+from irt.proof.baselines import alone, gaussian, neural, sindy, single, sysid, whiteness
 from irt.proof.baselines.entry import Entry, Method, Task
 from irt.proof.seal import canonical
 
 #: By name, in the order of the tables.
 METHODS: dict[str, tuple[str, Method]] = {
     one.__name__.rpartition(".")[2]: (one.TITLE, one.enter)
-    for one in (alone, single, gaussian, sindy, whiteness)
+    for one in (alone, single, gaussian, neural, sysid, sindy, whiteness)
 }
 
 

@@ -161,6 +161,8 @@ def _rival_gaps(results: Results) -> Iterator[tuple[str, list[float]]]:
     for name, title in (
         ("single", "best single effect"),
         ("gaussian", "Gaussian process"),
+        ("neural", "neural network"),
+        ("sysid", "mujoco.sysid"),
         ("sindy", "PySINDy"),
     ):
         closed = []

@@ -13,7 +13,7 @@ from irt.catalogue import effect
 from irt.engine import rollouts
 from irt.model import Model
 from irt.proof import contest
-from irt.proof.baselines import alone, gaussian, sindy, single, whiteness
+from irt.proof.baselines import alone, gaussian, neural, sindy, single, sysid, whiteness
 from irt.proof.baselines.entry import Entry, Task
 from irt.proof.run import commands_alone
 from irt.recording import Recording, load_recording
@@ -89,6 +89,58 @@ def test_pysindy_finds_the_drag() -> None:
 def test_pysindy_that_is_not_there_says_so(monkeypatch: pytest.MonkeyPatch, warped) -> None:
     monkeypatch.setitem(sys.modules, "pysindy", None)
     assert sindy.enter(warped[0]).missing == "pysindy is not installed"
+
+
+def test_a_network_learns_a_bowl(warped) -> None:
+    given, tests = warped
+    entry = neural.enter(given)
+    assert (entry.detected, entry.named) == (None, None)
+    assert error(entry, tests) < 0.7 * error(alone.enter(given), tests)
+
+
+def test_a_network_leaves_a_right_model_alone() -> None:
+    given, tests = task()
+    assert error(neural.enter(given), tests) < 1.5 * error(alone.enter(given), tests)
+
+
+def test_the_gradient_through_a_rollout_is_that_of_differences(warped) -> None:
+    """As far as the direction of friction, which follows the marble, is left out."""
+    given, _ = warped
+    batch = neural.Batch.windows(given, given.rig.recordings[:2])
+    assert batch is not None
+    random = np.random.default_rng(0)
+    network = neural.Network.started(batch.inputs(), batch.acceleration, random)
+    weights = network.weights + 0.03 * random.standard_normal(network.weights.shape)
+    along, step = random.standard_normal(weights.shape), 1e-5
+    ahead, behind = (
+        batch.error(network.with_weights(weights + sign * step * along), 0.01) for sign in (1.0, -1.0)
+    )
+    _, slopes = batch.gradient(network.with_weights(weights), 0.01)
+    assert slopes @ along == pytest.approx((ahead - behind) / (2.0 * step), rel=0.1)
+
+
+def test_sysid_recovers_a_delay() -> None:
+    if not sysid.is_there():
+        pytest.skip("the extra prove is not installed")
+    given, tests = task({"name": "delay", "delay_s": 0.1})
+    values = dict(zip((one.name for one in sysid.QUANTITIES), sysid.fitted(given), strict=True))
+    assert values["delay_s"] + values["lag_s"] == pytest.approx(0.1, rel=0.1)
+    # Off the rim only the product of gain and scale shows.
+    assert values["gain_x"] * values["scale"] == pytest.approx(VALUES[0] * VALUES[4], rel=0.05)
+    assert error(sysid.enter(given), tests) < 0.3 * error(alone.enter(given), tests)
+
+
+def test_commands_late_by_half_a_row_are_means_over_steps() -> None:
+    commands = np.array([[1.0, 0.0], [3.0, 2.0], [3.0, 2.0]])
+    times, late = sysid.delayed(np.array([0.0, 0.2, 0.4]), commands, 0.05, 0.1)
+    assert times == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+    # A step is about its time: the first is half before row 0, and half of it is over before the command.
+    assert late == pytest.approx(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [3.0, 2.0], [3.0, 2.0]]))
+
+
+def test_sysid_that_is_not_there_says_so(monkeypatch: pytest.MonkeyPatch, warped) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco.sysid", None)
+    assert sysid.enter(warped[0]).missing == "mujoco.sysid is not installed"
 
 
 def test_residual_tests_distinguish_noise_from_a_bowl(warped) -> None:

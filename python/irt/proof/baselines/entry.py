@@ -16,6 +16,7 @@ from irt.model import Model, load_model
 from irt.recording import Recording, load_recording
 from irt.residual import evaluate
 from irt.rig import PARAMETERS, Rig, load_rig
+from irt.segments import LEAD_ROWS
 
 Array = NDArray[np.float64]
 
@@ -58,15 +59,19 @@ class Task:
             return float(np.median(recording.durations))
         return float(self.base.values[PARAMETERS.index("time_scale")]) * SUBSTEP_S
 
-    def starts(self) -> Array:
-        """Return the state in row 0 of each test, (w, 4): position [edges] and velocity [edges/s]."""
-        states = np.zeros((len(self.tests), 4))
-        for state, test in zip(states, self.tests, strict=True):
-            state[:2] = test.marble[0]
-            known = np.flatnonzero(test.seen)
-            if len(known) > 1:
-                state[2:] = np.polyfit(known * self.row_s(test), test.marble[known], 1)[0]
-        return states
+    @property
+    def begun(self) -> list[Recording]:
+        """Recordings with a marble in row 0 and afterwards, from which a simulation can start."""
+        return [one for one in self.rig.recordings if one.seen[0] and one.seen.sum() > 1]
+
+    def start(self, recording: Recording) -> Array:
+        """Return the state in row 0 of a recording, (4,): position [edges] and velocity [edges/s]."""
+        state = np.zeros(4)
+        state[:2] = recording.marble[0]
+        known = np.flatnonzero(recording.seen)[:LEAD_ROWS]
+        if self.rig.start == "moving" and len(known) > 1:
+            state[2:] = np.polyfit(known * self.row_s(recording), recording.marble[known], 1)[0]
+        return state
 
 
 @dataclass(frozen=True, eq=False)

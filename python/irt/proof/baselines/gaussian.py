@@ -9,17 +9,16 @@ validation over recordings. A prediction is the base model's path plus the accum
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.model import Model, Parameter
-from irt.proof.baselines.entry import Entry, Task, by_name, predicted
+from irt.model import Model
+from irt.proof.baselines.entry import Entry, Task, by_name
+from irt.proof.baselines.residual_push import advance, features, histories, predicted_with
 from irt.proof.baselines.smooth import WINDOW, Smoothed, smoothed
-from irt.recording import Recording
-from irt.start_state import Inputs, simulate
 
 Array = NDArray[np.float64]
 
@@ -28,8 +27,8 @@ TITLE = "Gaussian process on the residual"
 MOST = 600
 LENGTHS = (1.0, 2.0, 4.0, 8.0)
 NOISES = (0.3, 1.0, 3.0, 10.0, 30.0)
-#: Parts of a row, the last of which gives the velocity at its end.
-_PARTS = 4
+#: Earlier rows whose commands are inputs.
+PAST = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +78,7 @@ def enter(task: Task) -> Entry:
         return Entry(missing=f"fewer than two recordings have {WINDOW} rows")
     rows = [_rows(task.base, run) for run in runs]
     best = min(product(LENGTHS, NOISES), key=lambda one: _error(task, rows, *one))
-    paths = _predicted(task, _process(rows, *best), task.tests)
+    paths = predicted_with(_process(rows, *best).mean, task, task.tests, PAST)
     return Entry(predictions=dict(by_name(task.tests, paths)))
 
 
@@ -96,73 +95,18 @@ def _error(task: Task, rows: Sequence[tuple[Array, Array]], length: float, noise
     for half in range(2):
         process = _process(rows[1 - half :: 2], length, noise)
         judged = recordings[half::2]
-        paths = _predicted(task, process, judged)
+        paths = predicted_with(process.mean, task, judged, PAST)
         errors += [np.nanmean(np.abs(path - one.marble)) for path, one in zip(paths, judged, strict=True)]
     return float(np.mean(errors))
-
-
-def features(states: Array, knobs: Array, before: Array) -> Array:
-    """Return the inputs (w, 8): states (w, 4), commands of this row and of the last one (w, 2)."""
-    return np.concatenate([states, knobs, before], axis=1)
-
-
-def advance(base: Model, states: Array, knobs: Array, row_s: float) -> Array:
-    """Return the states (w, 4) after a row of the base model, from (w, 4) states under (w, 2) commands."""
-    part = row_s / _PARTS
-    inputs = Inputs.of_whole(
-        np.repeat(knobs[:, None], _PARTS + 1, axis=1), np.full((len(knobs), _PARTS + 1), part)
-    )
-    level = replace(base, start="moving", effects=(), parameters=_closed(base))
-    path = simulate(level, inputs, states, threads=1)
-    # Exact under constant acceleration.
-    speed = (3.0 * path[:, -1] - 4.0 * path[:, -2] + path[:, -3]) / (2.0 * part)
-    return np.concatenate([path[:, -1], speed], axis=1)
-
-
-def _closed(base: Model) -> dict[str, Parameter]:
-    return {name: Parameter(one.value) for name, one in base.parameters.items()}
 
 
 def _rows(base: Model, run: Smoothed) -> tuple[Array, Array]:
     """Return inputs (k, 8) and residual accelerations of the base model (k, 2), without the ends."""
     after = advance(base, run.states[:-1], run.knobs[:-1], run.row_s)
     push = (run.states[1:, 2:] - after[:, 2:]) / run.row_s
-    before = np.concatenate([run.knobs[:1], run.knobs[:-2]])
     edge = min(WINDOW // 2, (len(push) - 1) // 2)
     inner = slice(edge, len(push) - edge)
-    return features(run.states[:-1], run.knobs[:-1], before)[inner], push[inner]
-
-
-def _predicted(task: Task, process: Process, tests: Sequence[Recording]) -> list[Array]:
-    """Return the path (n, 2) in each test, all tests of one length together."""
-    predictions = predicted(task.base, tests)
-    paths: list[Array] = [np.zeros((0, 2))] * len(tests)
-    for rows in sorted({len(test.knobs) for test in tests}):
-        chosen = [i for i, test in enumerate(tests) if len(test.knobs) == rows]
-        knobs = np.array([tests[i].knobs for i in chosen])
-        base = np.array([predictions[tests[i].name] for i in chosen])
-        rolled = _rolled(process, base, knobs, task.row_s(tests[chosen[0]]), task.base.reach)
-        for i, path in zip(chosen, rolled, strict=True):
-            paths[i] = path
-    return paths
-
-
-def _rolled(process: Process, base: Array, knobs: Array, row_s: float, reach: Array) -> Array:
-    """Return paths (w, n, 2): base paths (w, n, 2) plus the residual acceleration, inside the rim.
-
-    Apart from friction and walls, the base model's acceleration depends only on the commands. Therefore its
-    path is kept, and the displacement by the residual acceleration is added to it.
-    """
-    velocity = np.gradient(base, row_s, axis=1)
-    added, rate = np.zeros_like(base), np.zeros_like(base[:, 0])
-    for row in range(base.shape[1] - 1):
-        states = np.concatenate([base[:, row] + added[:, row], velocity[:, row] + rate], axis=1)
-        push = process.mean(features(states, knobs[:, row], knobs[:, max(row - 1, 0)]))
-        moved = base[:, row + 1] + added[:, row] + rate * row_s + 0.5 * push * row_s**2
-        inside = np.clip(moved, -reach, reach)
-        rate = np.where(inside == moved, rate + push * row_s, 0.0)
-        added[:, row + 1] = inside - base[:, row + 1]
-    return base + added
+    return features(run.states[:-1], histories(run.knobs, PAST)[:-1])[inner], push[inner]
 
 
 def _kernel(one: Array, other: Array, length: float) -> Array:

@@ -108,8 +108,8 @@ def _law(terms: Array, acceleration: Array) -> tuple[Array, Array]:
 def _rolled(task: Task, laws: Sequence[Array]) -> list[Array]:
     """Return the path (n, 2) in each test: Runge and Kutta's method, stopped at the rim."""
     paths = []
-    for test, start in zip(task.tests, task.starts(), strict=True):
-        state, step = start[None].copy(), task.row_s(test) / _PARTS
+    for test in task.tests:
+        state, step = task.start(test)[None], task.row_s(test) / _PARTS
         path = [state[0, :2].copy()]
         for knobs in test.knobs[:-1]:
             for _ in range(_PARTS):

@@ -41,10 +41,11 @@ class Smoothed:
 
 def smoothed(task: Task) -> list[Smoothed]:
     """Return the recordings of a rig, smoothed (Savitzky and Golay); too short ones are left out."""
-    return [_smoothed(one, task.row_s(one)) for one in task.rig.recordings if len(one.knobs) >= WINDOW]
+    return [smooth(one, task.row_s(one)) for one in task.rig.recordings if len(one.knobs) >= WINDOW]
 
 
-def _smoothed(recording: Recording, row_s: float) -> Smoothed:
+def smooth(recording: Recording, row_s: float) -> Smoothed:
+    """Return a recording of at least `WINDOW` rows, smoothed."""
     from scipy.signal import savgol_filter  # noqa: PLC0415
 
     marble = bridged(recording.marble)
