@@ -91,6 +91,7 @@ def test_pysindy_that_is_not_there_says_so(monkeypatch: pytest.MonkeyPatch, warp
     assert sindy.enter(warped[0]).missing == "pysindy is not installed"
 
 
+@pytest.mark.slow
 def test_a_network_learns_a_bowl(warped) -> None:
     given, tests = warped
     entry = neural.enter(given)
@@ -98,6 +99,7 @@ def test_a_network_learns_a_bowl(warped) -> None:
     assert error(entry, tests) < 0.7 * error(alone.enter(given), tests)
 
 
+@pytest.mark.slow
 def test_a_network_leaves_a_right_model_alone() -> None:
     given, tests = task()
     assert error(neural.enter(given), tests) < 1.5 * error(alone.enter(given), tests)
@@ -119,6 +121,7 @@ def test_the_gradient_through_a_rollout_is_that_of_differences(warped) -> None:
     assert slopes @ along == pytest.approx((ahead - behind) / (2.0 * step), rel=0.1)
 
 
+@pytest.mark.slow
 def test_sysid_recovers_a_delay() -> None:
     if not sysid.is_there():
         pytest.skip("the extra prove is not installed")
