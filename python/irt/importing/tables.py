@@ -163,7 +163,7 @@ def read_replay(path: Path) -> tuple[Columns, Array]:
     first = np.asarray(arrays.get("is_first", np.zeros(rows)))
     if first.dtype.kind not in "biuf" or first.shape[:1] != (rows,) or first.size < rows:
         raise IrtError(
-            f"{path}: {rows} rows of states, but is_first is an array {first.shape} of {first.dtype}; it must "
+            f"{path}: {rows} rows of states, but is_first is {first.shape} of {first.dtype}; it must "
             "hold a number for each row"
         )
     first = first.reshape(rows, -1)[:, 0] if rows else np.zeros(0)
