@@ -447,8 +447,7 @@ def _delayed(values: Array, wanted: NDArray[np.int64], delays: Array) -> Array:
         between = (1.0 - part) * found + part * values[np.clip(low + 1, 0, last)]
         # A row that is met counts alone: the next one may be unknown.
         found = np.where(part > 0.0, between, found)
-    found[(low < 0) | (rows > last)] = np.nan
-    return found
+    return np.where(((low < 0) | (rows > last))[:, :, None], np.nan, found)
 
 
 def _response(
