@@ -29,6 +29,8 @@ LOCKED := $(if $(CI),--locked)
 export PATH := $(PATH):$(HOME)/.cargo/bin
 export VIRTUAL_ENV := $(CURDIR)/.venv
 unexport CONDA_PREFIX
+# Without bytecode each process compiles its packages anew: half of what the start of torch takes.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help
 help: ## this list

@@ -336,7 +336,7 @@ class _Design:
         inputs, target, further, blocks = [], [], [], []
         for one in rows:
             taken = np.arange(0, len(one.target), stride)
-            inputs.append(np.stack([_delayed(one.inputs, taken, delay) for delay in delays]))
+            inputs.append(_delayed(one.inputs, taken, np.asarray(delays, dtype=float)))
             target.append(one.target[taken])
             further.append(one.further[taken])
             # Runs have fewer than a million rows.
@@ -436,17 +436,18 @@ def _projected(u: Array, y: Array, z: Array, weights: Array) -> _Projected:
     return _Projected(inputs, target, weights, best, np.asarray(gains[best]), left)
 
 
-def _delayed(values: Array, wanted: NDArray[np.int64], delay: float) -> Array:
-    """Return rows of (n, 2) values with a delay [steps], interpolated linearly; NaN outside."""
-    rows = wanted - delay
+def _delayed(values: Array, wanted: NDArray[np.int64], delays: Array) -> Array:
+    """Return rows of (n, 2) values at each delay [steps], (d, m, 2), interpolated linearly; NaN outside."""
+    rows = wanted - delays[:, None]
     low = np.floor(rows).astype(int)
-    part = (rows - low)[:, None]
+    part = (rows - low)[:, :, None]
     last = len(values) - 1
     found = values[np.clip(low, 0, last)]
     if part.any():
-        found = (1.0 - part) * found + part * values[np.clip(low + 1, 0, last)]
-    outside = (low < 0) | (rows > last)
-    return np.where(outside[:, None], np.nan, found)
+        between = (1.0 - part) * found + part * values[np.clip(low + 1, 0, last)]
+        # A row that is met counts alone: the next one may be unknown.
+        found = np.where(part > 0.0, between, found)
+    return np.where(((low < 0) | (rows > last))[:, :, None], np.nan, found)
 
 
 def _response(

@@ -6,6 +6,7 @@ import contextlib
 import json
 import sqlite3
 import struct
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -156,6 +157,16 @@ def test_a_replay_of_an_unknown_compression_was_a_traceback_and_left_its_file_op
     refused(read_replay, tmp_path / "b.npz", b"PK\x03\x04" + bytes(30), "no NPZ of plain numbers")
 
 
+@pytest.mark.parametrize("first", [np.zeros(3), np.zeros((8, 0)), np.full(8, "x"), None])
+def test_a_replay_whose_episodes_have_another_length_was_a_traceback(tmp_path, first) -> None:
+    path = tmp_path / "replay.npz"
+    np.savez(path, states=np.zeros((8, 4)), **({} if first is None else {"is_first": first}))
+    if first is None:
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.writestr("is_first.npy", b"no array")
+    refused(read_replay, path, path.read_bytes(), "8 rows of states, but is_first is ")
+
+
 def test_a_number_of_400_digits_was_a_traceback(tmp_path) -> None:
     with pytest.raises(IrtError, match="more than 308 digits"):
         Expression.parse(f"xb * {DIGITS}")
@@ -217,6 +228,15 @@ def test_a_number_too_large_to_square_in_a_log_warned_in_its_import(column, valu
         cells[place] = value
         lines[row] = ",".join(cells)
     # Warnings count as errors there; such a number counts as missing.
+    assert outcome(reader, "\n".join([header, *lines]).encode()) is None
+
+
+def test_a_command_of_one_row_that_nothing_follows_was_a_traceback_of_the_import() -> None:
+    """The search of the dead time went on to where the first rows have no command."""
+    (reader,) = (one for one in READERS if one.name == "import")
+    header, *lines = str(reader.seeds()[0]).splitlines()
+    lines[761] = lines[761].replace(",4.5675,", ",1000,")
+    assert ",1000," in lines[761]
     assert outcome(reader, "\n".join([header, *lines]).encode()) is None
 
 

@@ -160,6 +160,12 @@ def test_heavy_packages_load_only_where_used(statement: str) -> None:
     assert not loaded & HEAVY
 
 
+def test_fits_and_diagnoses_load_without_distributions() -> None:
+    """`scipy.stats` takes as long to load as all else that they need."""
+    modules = "import irt.diagnosis, irt.suggestion, irt.tuning.drive"
+    assert "scipy" in loaded_after(f"{modules}; assert 'scipy.stats' not in sys.modules")
+
+
 def test_help_answers_at_once() -> None:
     resource = pytest.importorskip("resource", reason="processor time of a child is read the Unix way")
 

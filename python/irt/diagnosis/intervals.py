@@ -19,8 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
-from scipy.stats import norm
+from scipy.special import ndtri, stdtrit
 
 from irt.catalogue import EffectInfo, effect
 from irt.diagnosis import config
@@ -44,7 +43,7 @@ _POWERS = dict(zip(PARAMETERS, (-2.0, -2.0, -2.0, 1.0, 0.0), strict=True))
 #: Half-width along the symmetry, in ranges, which stands for no knowledge.
 _UNKNOWN = 10.0
 #: Half-width of a 95 % interval in standard deviations.
-_NORMAL = float(norm.ppf(0.5 + CONFIDENCE / 2.0))
+_NORMAL = float(ndtri(0.5 + CONFIDENCE / 2.0))
 #: Factors of the spread of delays at which its likelihood is evaluated.
 _FACTORS = np.geomspace(0.2, 5.0, 41)
 #: The 95 % point of a chi-squared variable of one degree of freedom, halved.

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from irt.catalogue import EffectInfo, effect
 from irt.diagnosis import config
@@ -255,6 +254,8 @@ def _both_ways(name: str) -> bool:
 
 def draws(info: EffectInfo, count: int, seed: int) -> Array:
     """Draw values of an effect, (count, p): sizes log-uniformly, other parameters uniformly."""
+    from scipy.stats import qmc  # noqa: PLC0415
+
     known = info.required
     size = size_of(info.name)
     cube = qmc.Sobol(2 * len(known), seed=np.random.default_rng([seed, 7])).random(count)

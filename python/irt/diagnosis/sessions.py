@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from irt.sessions import session_of
 
@@ -87,7 +87,7 @@ def _p_value(groups: Sequence[Array]) -> float:
     within = sum(float(((one - one.mean()) ** 2).sum()) for one in groups)
     freedom = len(groups) - 1, len(everything) - len(groups)
     ratio = (between / freedom[0]) / max(within / freedom[1], 1e-300)
-    return float(fisher.sf(ratio, *freedom))
+    return float(fdtrc(*freedom, ratio))
 
 
 def sentences(recordings: Sequence[str], found: Sequence[Difference]) -> Iterator[str]:

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from irt.engine import Engine
 from irt.fitting import sentences
@@ -127,6 +126,8 @@ def _reach(information: Information) -> tuple[Array, Array]:
 
 def _furthest(moves: Array, room: Array) -> Array:
     """Return the least and largest of each row of moves (f, k) @ w with all within room (f, 2): (2, f)."""
+    from scipy.optimize import linprog  # noqa: PLC0415
+
     limits, ends = np.concatenate([-moves, moves]), np.concatenate([-room[:, 0], room[:, 1]])
 
     def most(along: Array, end: float) -> float:

@@ -13,8 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from irt.fitting.identifiability import SMALLEST, UNKNOWN
 from irt.fitting.information import CONFIDENCE, Information
@@ -27,7 +26,7 @@ from irt.rig import PARAMETERS
 Array = NDArray[np.float64]
 
 #: Half width of a 95 % interval in standard deviations.
-NORMAL = float(norm.ppf(0.5 + CONFIDENCE / 2.0))
+NORMAL = float(ndtri(0.5 + CONFIDENCE / 2.0))
 #: The least standard deviation [ranges]: of none there is no inverse.
 _LEAST = 1e-12
 #: Relative changes below this along directions that are not pinned down leave a parameter's bounds wide.
@@ -138,6 +137,8 @@ def _flat(information: Information) -> tuple[Array, Array]:
 
 def _extent(moves: Array, room: Array, k: int) -> float:
     """Return how far flat direction k goes while moves (f, flats) @ w lie within room (f, 2), at most 10."""
+    from scipy.optimize import linprog  # noqa: PLC0415
+
     limits, ends = np.concatenate([-moves, moves]), np.concatenate([-room[:, 0], room[:, 1]])
     along = np.zeros(moves.shape[1])
     along[k] = 1.0

@@ -190,7 +190,8 @@ class _Chain:
         scale = _LINEAR * max(_spread(best, rough[seen]), 1e-6)
 
         def cost(point: Array) -> float:
-            if point[1] < 0.0:
+            # Later commands than those of the search are not known in every row, of the slopes below either.
+            if point[1] < 0.0 or point[0] > _MOST_DELAY_S - _STEP_S:
                 return float("inf")
             return _soft_cost(self.lagged(point[0], point[1], self.fine)[use], values[use], scale)
 

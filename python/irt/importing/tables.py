@@ -160,9 +160,13 @@ def read_replay(path: Path) -> tuple[Columns, Array]:
     states = _first_stream(path, arrays["states"], 4)
     rows = len(states)
     action = _first_stream(path, arrays["action"], 2) if "action" in arrays else np.full((rows, 2), np.nan)
-    first = (
-        np.asarray(arrays.get("is_first", np.zeros(rows))).reshape(rows, -1)[:, 0] if rows else np.zeros(0)
-    )
+    first = np.asarray(arrays.get("is_first", np.zeros(rows)))
+    if first.dtype.kind not in "biuf" or first.shape[:1] != (rows,) or first.size < rows:
+        raise IrtError(
+            f"{path}: {rows} rows of states, but is_first is {first.shape} of {first.dtype}; it must "
+            "hold a number for each row"
+        )
+    first = first.reshape(rows, -1)[:, 0] if rows else np.zeros(0)
     if len(action) != rows:
         raise IrtError(
             f"{path}: {rows} rows of states, but {len(action)} of actions; they must be of one length"

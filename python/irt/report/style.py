@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from irt.errors import IrtError
@@ -48,6 +50,8 @@ COLOURS = {
 WIDTH = 4.7
 
 _FONT_SIZE = 9.0
+#: Pixels per inch of a PNG, and of cells inside an SVG.
+_PNG_DPI = 200.0
 
 _SETTINGS: Any = {
     "font.family": "sans-serif",
@@ -79,9 +83,15 @@ _SETTINGS: Any = {
     "lines.markersize": 3.2,
     "figure.facecolor": PAPER,
     "savefig.facecolor": PAPER,
-    "savefig.dpi": 200,
+    "savefig.dpi": _PNG_DPI,
     # Text stays text, so that it can be searched, read aloud, and set in the page's font.
     "svg.fonttype": "none",
+}
+
+#: For each suffix the canvas, its dots per inch (an SVG is in points), and metadata without date and program.
+_KINDS: dict[str, tuple[Any, float, dict[str, None]]] = {
+    "svg": (FigureCanvasSVG, 72.0, {"Date": None, "Creator": None}),
+    "png": (FigureCanvasAgg, _PNG_DPI, {"Software": None}),
 }
 
 
@@ -105,14 +115,19 @@ def drawing(path: PathLike, width: float, height: float) -> Iterator[Figure]:
     """
     path = Path(path)
     kind = path.suffix.lower().removeprefix(".")
-    if kind not in ("svg", "png"):
+    if kind not in _KINDS:
         raise IrtError(f"{path}: pictures are written as .svg or .png")
     # The salt makes the ids inside an SVG depend on its name, instead of a random number.
+    canvas, dots_per_inch, metadata = _KINDS[kind]
     with mpl.rc_context({**_SETTINGS, "svg.hashsalt": path.stem}):
-        figure = Figure(figsize=(width, height), layout="constrained")
+        figure = Figure(figsize=(width, height), dpi=dots_per_inch, layout="constrained")
+        canvas(figure)
         yield figure
+        # With a layout engine, savefig draws everything once more than needed.
+        if (layout := figure.get_layout_engine()) is not None:
+            layout.execute(figure)
+        figure.set_layout_engine(None)
         buffer = io.BytesIO()
-        metadata = {"Date": None, "Creator": None} if kind == "svg" else {"Software": None}
         figure.savefig(buffer, format=kind, metadata=metadata)
     write_atomic(path, buffer.getvalue())
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
+import shutil
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import suppress
 from pathlib import Path
 
 from irt.errors import IrtError
@@ -41,50 +43,75 @@ def run_module(
     started : Started, optional
         Registry of the process, through which it can be ended.
     """
+    started = started or Started()
+    place = _unused_place()
     # Relative paths are the same in every run, so messages that contain them are too.
-    with _filled(files) as place:
-        folder, out = Path(place) / "rig", Path(place) / "out"
-        command = [sys.executable, "-m", "irt.workers.child", place, module, folder.name, out.name, *words]
-        failure = _run(command, place, started or Started())
-        if failure is not None:
-            return {FAILED: json.dumps({"error": failure}).encode()}
-        return {path.name: path.read_bytes() for path in sorted(out.iterdir())}
+    process = started.start(place, module, "rig", "out", *words)
+    try:
+        _fill(place, files)
+        started.go(process)
+        said = _errors(process, started)
+        written = files_of(place / "out")
+    finally:
+        # The process removes the folder, unless it was killed.
+        started.end(process)
+        shutil.rmtree(place, ignore_errors=True)
+    if process.returncode == 0:
+        return written
+    lines = said.strip().splitlines()
+    failure = lines[-1] if lines else f"ended with exit status {process.returncode}"
+    return {FAILED: json.dumps({"error": failure}).encode()}
 
 
-@contextmanager
-def _filled(files: Mapping[str, bytes]) -> Iterator[str]:
-    """Yield a temporary folder with these files in ``rig``, and an empty ``out``.
+def _unused_place() -> Path:
+    """Return a path for a temporary folder, which is not made.
+
+    Raises
+    ------
+    IrtError
+        If there is no place for temporary files.
+    """
+    try:
+        return Path(tempfile.gettempdir()) / f"irt-{secrets.token_hex(8)}"
+    except OSError as error:
+        raise IrtError(f"{error.strerror or error}; TMPDIR names another place") from error
+
+
+def _fill(place: Path, files: Mapping[str, bytes]) -> None:
+    """Make the temporary folder, with these files in ``rig`` and an empty ``out``.
 
     Raises
     ------
     IrtError
         If they cannot be written.
     """
-    with tempfile.TemporaryDirectory(prefix="irt-") as place:
-        folder, out = Path(place) / "rig", Path(place) / "out"
-        try:
-            for path in (folder, out):
-                path.mkdir()
-            for name, data in files.items():
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                (folder / name).write_bytes(data)
-        except OSError as error:
-            raise IrtError(
-                f"{place}: cannot be written: {error.strerror or error}; TMPDIR names another place"
-            ) from error
-        yield place
+    try:
+        place.mkdir(mode=0o700)
+        for folder in ("rig", "out"):
+            (place / folder).mkdir()
+        for name, data in files.items():
+            path = place / "rig" / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+    except OSError as error:
+        raise IrtError(
+            f"{place}: cannot be written: {error.strerror or error}; TMPDIR names another place"
+        ) from error
 
 
 class Started:
-    """Registry of running processes, to end exactly those."""
+    """Registry of running processes, each with the pipe at whose end it ends; ends exactly those."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._running: dict[subprocess.Popen[str], int] = {}
         self._stopped = False
 
-    def start(self, command: Sequence[str], place: str) -> subprocess.Popen[str]:
-        """Start a process, unless `stop` was called."""
+    def start(self, place: Path, module: str, *words: str) -> subprocess.Popen[str]:
+        """Start a process that waits for `go`, unless `stop` was called.
+
+        From now on it removes the folder ``place``, which is not there yet, if this process ends.
+        """
         with self._lock:
             if self._stopped:
                 raise IrtError("stopped")
@@ -92,8 +119,9 @@ class Started:
             read, write = os.pipe()
             try:
                 process = subprocess.Popen(
-                    list(command),
-                    cwd=place,
+                    # The folder of the start is on no path of modules.
+                    [sys.executable, "-P", "-m", "irt.workers.child", str(place), module, *words],
+                    cwd=place.parent,
                     env=environment(),
                     stdin=read,
                     stdout=subprocess.DEVNULL,
@@ -110,17 +138,29 @@ class Started:
             self._running[process] = write
             return process
 
-    def ended(self, process: subprocess.Popen[str]) -> None:
-        """Remove a process that has ended."""
-        with self._lock:
+    def go(self, process: subprocess.Popen[str]) -> None:
+        """Let a process run its module: its folder is filled."""
+        # Where the process has ended already, its exit status says so.
+        with self._lock, suppress(KeyError, BrokenPipeError):
+            os.write(self._running[process], b"\n")
+
+    def release(self, process: subprocess.Popen[str]) -> None:
+        """Let a process end its module, remove its folder and end."""
+        with self._lock, suppress(KeyError):
             os.close(self._running.pop(process))
 
+    def end(self, process: subprocess.Popen[str]) -> None:
+        """Release a process, and wait for its end."""
+        self.release(process)
+        with process:
+            pass
+
     def stop(self) -> None:
-        """End all running processes, and prevent further starts."""
+        """Release all processes, and prevent further starts."""
         with self._lock:
             self._stopped = True
-            for process in self._running:
-                process.kill()
+            while self._running:
+                os.close(self._running.popitem()[1])
 
 
 class LocalWorkers:
@@ -168,18 +208,20 @@ def files_of(folder: Path, pattern: str = "*") -> Files:
     return {path.name: path.read_bytes() for path in sorted(folder.glob(pattern)) if path.is_file()}
 
 
-def _run(command: Sequence[str], place: str, started: Started) -> str | None:
-    """Run a process; return the last line of its error output if it failed, else None."""
-    process = started.start(command, place)
+def _errors(process: subprocess.Popen[str], started: Started) -> str:
+    """Wait until the module of a process is done, and return its error output."""
+    assert process.stderr is not None
+    late = threading.Event()
+
+    def give_up() -> None:
+        late.set()
+        started.release(process)
+
+    patience = threading.Timer(PATIENCE_S, give_up)
+    patience.daemon = True
+    patience.start()
     try:
-        _, said = process.communicate(timeout=PATIENCE_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.communicate()
-        return f"took longer than {PATIENCE_S:g} s"
+        said = process.stderr.read()
     finally:
-        started.ended(process)
-    if process.returncode == 0:
-        return None
-    lines = said.strip().splitlines()
-    return lines[-1] if lines else f"ended with exit status {process.returncode}"
+        patience.cancel()
+    return f"took longer than {PATIENCE_S:g} s" if late.is_set() else said

@@ -3,6 +3,7 @@
 import functools
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,6 +12,7 @@ import pytest
 from made_up import make_diagnosis, sample_rig
 
 from irt.fitting.fit import Estimate, FitResult, Iteration
+from irt.maze import Maze
 from irt.model import Model
 from irt.recording import Recording
 from irt.report import style
@@ -91,9 +93,12 @@ def diagnosis_of(labyrinth):
 
 @pytest.fixture(scope="session")
 def reports(tmp_path_factory, labyrinth, diagnosis_of):
-    """The page of each verdict, its pictures beside it."""
+    """The page of each verdict, its pictures beside it; that of `unlisted` has a wall and a hole."""
     folder = tmp_path_factory.mktemp("reports")
+    found = {verdict: diagnosis_of(verdict) for verdict in ("sufficient", "missing", "unlisted")}
+    maze = Maze(walls=((-0.05, 0.02, 0.03, 0.06),), holes=((0.1, -0.04),))
+    found["unlisted"] = replace(found["unlisted"], model=replace(found["unlisted"].model, maze=maze))
     return {
-        verdict: write_diagnosis_report(folder / verdict, labyrinth, diagnosis_of(verdict))
-        for verdict in ("sufficient", "missing", "unlisted")
+        verdict: write_diagnosis_report(folder / verdict, labyrinth, diagnosis)
+        for verdict, diagnosis in found.items()
     }

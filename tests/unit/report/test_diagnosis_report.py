@@ -15,7 +15,6 @@ from irt.catalogue import effect
 from irt.diagnosis.result import RunProof
 from irt.diagnosis.words import LEARNED
 from irt.errors import IrtError
-from irt.maze import Maze
 from irt.report.diagnosis_report import answers, write_diagnosis_report
 from irt.report.words import change, percent, with_interval
 from irt.rig import PARAMETERS
@@ -294,12 +293,14 @@ def test_animation_holds_the_runs_to_four_digits(missing, diagnosis_of):
         assert shown["worst"] == np.nanargmax(np.abs(run.base - run.observed).mean(axis=1))
 
 
-def test_the_animation_has_walls_and_holes_where_pictures_have_them(tmp_path, labyrinth, diagnosis_of):
+def test_the_animation_has_walls_and_holes_where_pictures_have_them(reports, labyrinth, diagnosis_of):
     """An edge is 1000 units; pictures have y upwards and an SVG downwards."""
-    diagnosis = diagnosis_of("missing")
-    maze = Maze(walls=((-0.05, 0.02, 0.03, 0.06),), holes=((0.1, -0.04),))
-    text = write(tmp_path, labyrinth, replace(diagnosis, model=replace(diagnosis.model, maze=maze)))
-    per_m = 1000.0 * diagnosis.model.parameters["observation_scale"].value / labyrinth.board.edge_x_m
+    text = reports["unlisted"].read_text(encoding="utf-8")
+    per_m = (
+        1000.0
+        * diagnosis_of("unlisted").model.parameters["observation_scale"].value
+        / labyrinth.board.edge_x_m
+    )
     found = {
         name: {key: float(value) for key, value in tag.items() if key != "class"}
         for _, tag in Tags(text).tags

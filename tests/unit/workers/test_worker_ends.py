@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -13,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from irt.errors import IrtError
-from irt.workers import Files
+from irt.workers import FAILED, Files
 from irt.workers.processes import LocalWorkers, run_module
 
 SLEEPER = (
@@ -21,7 +22,37 @@ SLEEPER = (
     "pathlib.Path(os.environ['HOME'], 'pid').write_text(str(os.getpid()))\n"
     "time.sleep(60)\n"
 )
-PARENT = "from irt.workers.processes import run_module\nrun_module('sleeper', {'a.csv': b'1'})\n"
+PARENT = (
+    "import os\n"
+    "from irt.workers.processes import run_module\n"
+    "run_module('sleeper', {'parent': str(os.getpid()).encode()})\n"
+)
+#: Its second file is never written.
+FILLING = (
+    "import os, signal\n"
+    "from irt.workers.processes import run_module\n"
+    "class Files(dict):\n"
+    "    def items(self):\n"
+    "        yield 'a.csv', b'1'\n"
+    "        os.kill(os.getpid(), signal.SIGKILL)\n"
+    "run_module('sleeper', Files())\n"
+)
+#: A module that stops the process that asked for it, and is done.
+STOPPER = (
+    "import os, pathlib, signal, sys\n"
+    "pathlib.Path(sys.argv[2], 'result').write_text('1')\n"
+    "os.kill(int(pathlib.Path('rig/parent').read_text()), signal.SIGSTOP)\n"
+    "pathlib.Path(os.environ['HOME'], 'pid').write_text(str(os.getpid()))\n"
+)
+#: A module that never stops making files.
+WRITER = (
+    "import itertools, os, pathlib, sys\n"
+    "pathlib.Path(os.environ['HOME'], 'pid').write_text(str(os.getpid()))\n"
+    "for number in itertools.count():\n"
+    "    out = pathlib.Path(sys.argv[2], str(number % 1000))\n"
+    "    out.mkdir(parents=True, exist_ok=True)\n"
+    "    (out / 'a').write_text('1')\n"
+)
 #: A command line whose verb asks a process that sleeps.
 COMMAND = (
     "import sys, irt.cli.check\n"
@@ -50,6 +81,14 @@ def alive(process: int) -> bool:
         return False
 
 
+def environment_of(place: Path, module: str) -> dict[str, str]:
+    """Write the module `sleeper`, and return an environment with it and with temporary files in ``tmp``."""
+    (place / "sleeper.py").write_text(module)
+    (place / "tmp").mkdir()
+    paths = os.pathsep.join([str(place), *sys.path])
+    return {**os.environ, "PYTHONPATH": paths, "TMPDIR": str(place / "tmp"), "HOME": str(place)}
+
+
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are looked up in /proc")
 @pytest.mark.parametrize(
     ("program", "sent", "status", "said"),
@@ -64,10 +103,7 @@ def alive(process: int) -> bool:
 def test_a_process_ends_with_its_parent_and_leaves_no_folder(
     tmp_path: Path, program: str, sent: signal.Signals, status: int, said: str
 ) -> None:
-    (tmp_path / "sleeper.py").write_text(SLEEPER)
-    (tmp_path / "tmp").mkdir()
-    paths = os.pathsep.join([str(tmp_path), *sys.path])
-    environment = {**os.environ, "PYTHONPATH": paths, "TMPDIR": str(tmp_path / "tmp"), "HOME": str(tmp_path)}
+    environment = environment_of(tmp_path, SLEEPER)
     pid = tmp_path / "pid"
     with subprocess.Popen(
         [sys.executable, "-c", program], env=environment, stderr=subprocess.PIPE, text=True
@@ -76,7 +112,63 @@ def test_a_process_ends_with_its_parent_and_leaves_no_folder(
         parent.send_signal(sent)
         assert parent.communicate() == (None, said)
     assert parent.returncode == status
-    until(lambda: not alive(int(pid.read_text())))
+    until(lambda: not list((tmp_path / "tmp").iterdir()))
+    assert not alive(int(pid.read_text()))
+
+
+def test_a_parent_killed_while_it_writes_the_input_leaves_no_folder(tmp_path: Path) -> None:
+    environment = environment_of(tmp_path, SLEEPER)
+    parent = subprocess.run([sys.executable, "-c", FILLING], env=environment, check=False)
+    assert parent.returncode == -signal.SIGKILL
+    until(lambda: not list((tmp_path / "tmp").iterdir()))
+    assert not (tmp_path / "pid").exists()
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are looked up in /proc")
+@pytest.mark.parametrize("module", [STOPPER, WRITER], ids=["done", "writing"])
+def test_a_parent_killed_while_its_process_is_done_or_writes_leaves_no_folder(
+    tmp_path: Path, module: str
+) -> None:
+    environment = environment_of(tmp_path, module)
+    pid = tmp_path / "pid"
+    with subprocess.Popen([sys.executable, "-c", PARENT], env=environment) as parent:
+        until(lambda: pid.exists() and pid.read_text() != "")
+        # Long enough for the end of an interpreter.
+        time.sleep(0.2)
+        assert list((tmp_path / "tmp").iterdir())
+        parent.kill()
+    until(lambda: not list((tmp_path / "tmp").iterdir()))
+    assert not alive(int(pid.read_text()))
+
+
+def test_a_module_that_is_killed_or_exits_with_words_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
+    for name, program, said in (
+        ("killed", "import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "ended with exit status 137"),
+        ("refused", "import sys; sys.exit('no room')", "no room"),
+        ("silent", "raise SystemExit(3)", "ended with exit status 3"),
+        ("broken", "1 / 0", "ZeroDivisionError: division by zero"),
+        ("ended", "import os; os._exit(0)", None),
+        ("done", "raise SystemExit", None),
+    ):
+        (tmp_path / f"module_{name}.py").write_text(program)
+        files = run_module(f"module_{name}", {})
+        assert files == ({FAILED: json.dumps({"error": said}).encode()} if said else {})
+    assert not list((tmp_path / "tmp").iterdir())
+
+
+def test_a_module_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "sleeper.py").write_text(SLEEPER)
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
+    monkeypatch.setattr("irt.workers.processes.PATIENCE_S", 0.1)
+    assert run_module("sleeper", {}) == {FAILED: b'{"error": "took longer than 0.1 s"}'}
     assert not list((tmp_path / "tmp").iterdir())
 
 
