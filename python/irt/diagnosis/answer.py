@@ -17,7 +17,6 @@ from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.detectability import detectability
 from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_of
-from irt.diagnosis.intervals import at_one_time_scale
 from irt.diagnosis.latent_force import LatentForce, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
 from irt.diagnosis.needed import Needed
@@ -41,6 +40,7 @@ from irt.diagnosis.score import LASTING, RESTITUTION, SCALE_OF_NORMAL, WHITE, Sc
 from irt.diagnosis.selection import Posterior, probabilities
 from irt.diagnosis.sessions import Difference, differences, sentences
 from irt.diagnosis.ties import Tie, reason, ties
+from irt.diagnosis.time_symmetry import at_one_time_scale
 from irt.diagnosis.validation import HeldOut
 from irt.engine import SUBSTEP_S
 from irt.fitting.problem import in_unit_of
@@ -160,7 +160,7 @@ class Answer:
     @functools.cached_property
     def _differences(self) -> list[Difference]:
         """What differs between the sessions of the rig, where several were pooled."""
-        without = at_one_time_scale(self._best, self._proof.values)
+        without = at_one_time_scale(self._best.names, self._proof.values, self._best.fitted)
         columns = dict(zip(self._best.names, without.T, strict=True))
         own = {name: columns[name] for name in self._best.fitted.names}
         return differences(self._recordings, self._best.values, own) if self._proof.is_proof else []

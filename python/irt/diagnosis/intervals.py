@@ -21,25 +21,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
-from irt.catalogue import EffectInfo, effect
+from irt.catalogue import EffectInfo
 from irt.diagnosis import config
-from irt.diagnosis.dataset import Dataset, Fitted
+from irt.diagnosis.dataset import Fitted
 from irt.diagnosis.hypotheses import JITTER
 from irt.diagnosis.score import KICK, Scored, Scores
+from irt.diagnosis.time_symmetry import at_one_time_scale, powers, time_is_known
 from irt.diagnosis.validation import HeldOut
 from irt.engine import SUBSTEP_S
 from irt.fitting.effect_size import size_of, sizes_of
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import CONFIDENCE, FLAT, Information
 from irt.model import Parameter
-from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
 #: Fewest recordings for the jackknife.
 FEWEST = 3
-#: Powers of the time scale with which the five parameters change along the symmetry.
-_POWERS = dict(zip(PARAMETERS, (-2.0, -2.0, -2.0, 1.0, 0.0), strict=True))
 #: Half-width along the symmetry, in ranges, which stands for no knowledge.
 _UNKNOWN = 10.0
 #: Half-width of a 95 % interval in standard deviations.
@@ -94,7 +92,7 @@ def _distance(one: Parameter, neutral: float) -> float:
 
 def _least_share(name: str, fitted: Fitted, time_scale: Parameter) -> float:
     """Return the smallest share of a parameter's value in the interval of the time scale."""
-    power = 0.0 if time_is_known(fitted.dataset) else _power(name, fitted)
+    (power,) = [0.0] if time_is_known(fitted.dataset) else powers([name], fitted)
     ends = [one for one in (time_scale.low, time_scale.high) if one]
     return float(min([1.0, *((end / time_scale.value) ** power for end in ends)]))
 
@@ -139,7 +137,7 @@ def information_of(one: Scored, held: HeldOut) -> Information:
     """Return what recordings say of a set, as far as the fits without each recording in turn agree."""
     fitted = one.fitted
     own = [one.names.index(name) for name in fitted.names]
-    return _with_scatter(curvature(one), at_one_time_scale(one, held.values)[:, own])
+    return _with_scatter(curvature(one), at_one_time_scale(one.names, held.values, one.fitted)[:, own])
 
 
 def curvature(one: Scored) -> Information:
@@ -177,7 +175,7 @@ def _without_time(fitted: Fitted, information: Information) -> Information:
     dataset = fitted.dataset
     if time_is_known(dataset):
         return information
-    along = np.array([_power(name, fitted) for name in fitted.names]) * fitted.values / information.widths
+    along = powers(fitted.names, fitted) * fitted.values / information.widths
     along = np.where(information.free, along, 0.0)
     along /= np.linalg.norm(along)
     known = np.where(
@@ -193,32 +191,6 @@ def _without_time(fitted: Fitted, information: Information) -> Information:
     half_width = np.sqrt(np.maximum(variance[::-1], 0.0))
     offset = np.where(half_width < FLAT, directions @ (information.offset @ information.directions), 0.0)
     return replace(information, directions=directions, half_width=half_width, offset=offset)
-
-
-def time_is_known(dataset: Dataset) -> bool:
-    """Whether stamps or a damping determine the time scale."""
-    return dataset.time_scale is not None or dataset.rig.marble.damping_per_s > 0.0
-
-
-def at_one_time_scale(one: Scored, values: Array) -> Array:
-    """Return (k, n) values, moved along the time symmetry to a set's own time scale."""
-    fitted = one.fitted
-    if time_is_known(fitted.dataset) or not len(values):
-        return values
-    index = one.names.index("time_scale")
-    powers = np.array([_power(name, fitted) for name in one.names])
-    return np.asarray(values * (one.values["time_scale"] / values[:, index])[:, None] ** powers)
-
-
-def _power(name: str, fitted: Fitted) -> float:
-    """Return the power of the time scale with which a parameter changes along the symmetry."""
-    if name in PARAMETERS:
-        return _POWERS[name]
-    of_effect, parameter = name.split(".")
-    if parameter in {"drag_strength", "side_strength"}:
-        power = fitted.value_of(of_effect)[parameter.replace("strength", "power")]
-        return power - 2.0
-    return float(next(one.time_power for one in effect(of_effect).parameters if one.name == parameter))
 
 
 def _spread(one: Scored, time_scale: Parameter) -> Parameter:

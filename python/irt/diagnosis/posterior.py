@@ -15,6 +15,7 @@ import numpy as np
 from irt.diagnosis import intervals
 from irt.diagnosis.hypotheses import SPIN
 from irt.diagnosis.score import Scored
+from irt.diagnosis.time_symmetry import time_is_known
 from irt.diagnosis.validation import HeldOut
 from irt.fitting.information import Information
 from irt.fitting.posterior import NORMAL, component, within
@@ -55,7 +56,7 @@ def posterior(
 def _component(one: Scored, information: Information, chance: float, widening: float = 1.0) -> Component:
     own = [one.names.index(name) for name in information.names]
     # Where time is unknown the filter knows no more along the symmetry than the prior.
-    covariance = one.top.covariance[np.ix_(own, own)] if intervals.time_is_known(one.dataset) else None
+    covariance = one.top.covariance[np.ix_(own, own)] if time_is_known(one.dataset) else None
     model = one.fitted.model
     found = component(
         information,
