@@ -6,6 +6,8 @@ else, and the procedure repeats on the new residuals. Terms, effects and a rando
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,7 +26,8 @@ def learn(parent: Scored, report: Report) -> Scored | None:
     """Add terms to a set while its score grows; return None if no term is worth its price.
 
     One term without a gain is allowed, because it may gain with the next: on a board with waves in two
-    directions, one of them alone predicts nothing. Terms that become superfluous are removed.
+    directions, one of them alone predicts nothing. It must be worth it but for the price of the choice from
+    the library. Terms that become superfluous are removed.
     """
     best, now, doubted = parent, parent, False
     while (found := _with_another(parent, now, report)) is not None:
@@ -33,7 +36,7 @@ def learn(parent: Scored, report: Report) -> Scored | None:
             best, doubted = now, False
             if Scores.of(now).push(now) < config.SURE:
                 break
-        elif doubted:
+        elif doubted or now.score < best.score - math.log(config.LIBRARY):
             break
         else:
             doubted = True
