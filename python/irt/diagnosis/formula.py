@@ -98,8 +98,7 @@ def cleared(values: dict[str, float]) -> dict[str, float]:
     for slot in slots:
         for names in (PUSH, GEARS, *VECTORS.values()):
             _clear(kept, [[of_slot(name, slot)] for name in names])
-    for names in (TURNS, GROWTHS):
-        _clear(kept, [[name] for name in names])
+    _clear(kept, [[name] for name in (*TURNS, *GROWTHS)])
     bounded = [slot for slot in slots if SHAPES[round(values[f"shape_{slot}"])] in BOUNDED]
     for names in (PUSH, GEARS, (BRAKE,)):
         _clear(kept, [[of_slot(name, slot) for name in names] for slot in bounded])
