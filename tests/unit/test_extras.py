@@ -48,7 +48,7 @@ def test_every_optional_package_is_in_its_extra():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     distributions = {"cv2": "opencv-python-headless", "mcap_ros2": "mcap-ros2-support"}
     for package, (_, extra) in OPTIONAL.items():
-        found = [re.split(r"[<>=; ]", one)[0] for one in project["optional-dependencies"][extra]]
+        found = [re.split(r"[\[<>=; ]", one)[0] for one in project["optional-dependencies"][extra]]
         assert distributions.get(package, package) in found
 
 

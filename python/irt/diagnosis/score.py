@@ -27,7 +27,7 @@ from irt.diagnosis.hypotheses import (
 )
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.terms import Term
-from irt.diagnosis.time_symmetry import into_ranges
+from irt.diagnosis.time_symmetry import off_bounds
 from irt.engine import SUBSTEP_S
 from irt.fitting.problem import Problem
 from irt.fitting.solution import Probable
@@ -300,7 +300,7 @@ class Scores:
     ) -> list[Scored]:
         """Maximise the posterior from (k, n) values, (k, 10) noise sizes and (s, 4) states; keep the best."""
         problem = self.problem(effects)
-        values, noise = into_ranges(self.dataset, problem.names, values, noise)
+        values, noise = off_bounds(self.dataset, problem.names, values, noise)
         tops = problem.ascend(
             values, noise, None if states is None else [states] * len(values), iterations=iterations
         )

@@ -23,6 +23,8 @@ _POWERS = dict(zip(PARAMETERS, (-2.0, -2.0, -2.0, 1.0, 0.0), strict=True))
 #: The same of the noise sizes, as taken by `Problem.filter`.
 _OF_NOISE = np.array([0.0, 0.0, 1.0, -3.0, -2.0, 1.0, 0.0, 1.0, 1.0, -1.0])
 _TIME_SCALE = PARAMETERS.index("time_scale")
+#: Factor by which a fit may at most leave a range, as in the engine (`fit/axis.rs`).
+REACH = 3.0
 
 
 def time_is_known(dataset: Dataset) -> bool:
@@ -57,15 +59,15 @@ def at_one_time_scale(names: Sequence[str], values: Array, fitted: Fitted) -> Ar
     """Return (k, n) values, moved along the symmetry to a set's own time scale."""
     if time_is_known(fitted.dataset) or not len(values):
         return values
-    ratio = fitted.model.values[_TIME_SCALE] / values[:, list(names).index("time_scale")]
+    ratio = fitted.by_name["time_scale"] / values[:, list(names).index("time_scale")]
     return np.asarray(values * ratio[:, None] ** powers(names, fitted))
 
 
-def into_ranges(dataset: Dataset, names: Sequence[str], values: Array, noise: Array) -> tuple[Array, Array]:
-    """Return starts of fits, moved along the symmetry until gears and friction are inside their ranges.
+def off_bounds(dataset: Dataset, names: Sequence[str], values: Array, noise: Array) -> tuple[Array, Array]:
+    """Return starts of fits, of which those at the upper bound of gears or friction are moved off it.
 
-    A fit may leave a range, but not by much. At its end it cannot move along the symmetry, because each
-    parameter alone would have to get worse first. The time scale stays inside its own range.
+    At a bound a fit cannot move along the symmetry, because each parameter alone would have to get worse
+    first. Such a start is moved along it into the ranges; the time scale stays inside its own range.
 
     Parameters
     ----------
@@ -78,10 +80,14 @@ def into_ranges(dataset: Dataset, names: Sequence[str], values: Array, noise: Ar
     """
     if time_is_known(dataset):
         return values, noise
-    ends = np.array([np.abs(dataset.rig.ranges[name]).max() for name in PARAMETERS])
-    beyond = (np.abs(values[:, :_TIME_SCALE]) / np.maximum(ends[:_TIME_SCALE], 1e-300)).max(axis=1)
+    ranges = np.abs([dataset.rig.ranges[name] for name in PARAMETERS])
+    ends, low = ranges.max(axis=1), ranges.min(axis=1)
+    beyond = np.abs(values[:, :_TIME_SCALE]) / np.maximum(ends[:_TIME_SCALE], 1e-300)
+    bounds = np.minimum(REACH, ends / np.maximum(low, 1e-300))[:_TIME_SCALE]
+    bound = (beyond > 0.999 * bounds).any(axis=1)
     most = np.maximum(ends[_TIME_SCALE] / np.maximum(values[:, _TIME_SCALE], 1e-300), 1.0)
-    factor = np.minimum(np.sqrt(np.maximum(beyond, 1.0)), most)[:, None]
+    needed = np.sqrt(np.maximum(beyond.max(axis=1), 1.0))
+    factor = np.where(bound, np.minimum(needed, most), 1.0)[:, None]
     sets = [dict(zip(names, one, strict=True)) for one in values.tolist()]
     changed = np.array([[power(name, one) for name in names] for one in sets])
     return values * factor**changed, noise * factor**_OF_NOISE

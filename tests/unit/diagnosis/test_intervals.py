@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from irt.catalogue import effect
-from irt.diagnosis import intervals
+from irt.diagnosis import intervals, time_symmetry
 from irt.diagnosis.dataset import Dataset, Fitted
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scores
@@ -147,7 +147,7 @@ def test_the_symmetry_of_time_leaves_the_path_of_what_was_learned_as_it_is(learn
     names = tuple(f"{UNLISTED}.{name}" for name in values)
     at = np.array([*SLOWED, *values.values()])
     fitted = Fitted(None, (UNLISTED,), (*PARAMETERS, *names), at, (), 0.0)
-    powers = dict(zip(values, (intervals._power(name, fitted) for name in names), strict=True))
+    powers = dict(zip(values, time_symmetry.powers(names, fitted), strict=True))
     knobs = 0.03 * np.sin(np.arange(60)[:, None] / [9.0, 13.0])
 
     def path(factor, *, is_slowed=True):
