@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -33,14 +34,21 @@ def observe(attack: str, folder: Path, rig: Path, inside: Inside) -> dict[str, A
     return found
 
 
-def wrong(found: dict[str, Any]) -> list[str]:
-    """Return the failed checks."""
+def wrong(attack: str, found: dict[str, Any]) -> list[str]:
+    """Return the failed checks.
+
+    Packets that lie can end the thread of the DDS library (rustdds 0.15.1, an index into an empty bitmap). The rig
+    then hears nothing more, and has to stop by itself.
+    """
     if "error" in found:
         return [f"it failed: {found['error']}"]
+    panicked = re.findall(r"panicked at \S+", found["err"])
+    if attack == "lies" and found.get("code") == "joints_silent":
+        panicked = [one for one in panicked if "/registry/" not in one]
     checks = {
         "it was attacked": found["sent"] > 0,
         f"it is stopped: {found['err']}": found["status"] == 1 and f"({found.get('code')})" in found["err"],
-        "no thread panics": "panicked" not in found["err"],
+        f"no thread panics: {panicked}": not panicked,
         "it is latched": bool(found.get("latched")),
         "at rest": bool(found.get("rests")),
         f"in time: {found.get('ramp_ticks')} ticks": found.get("ramp_ticks", 99) <= 13,
@@ -60,7 +68,7 @@ def test_a_rig_under_attack_stops_in_time_and_takes_little_memory(
             lambda attack: observe(attack, tmp_path / attack.replace(" ", "-"), rig, inside), ATTACKS
         )
         found = dict(zip(ATTACKS, outcomes, strict=True))
-    failures = {attack: (what, one) for attack, one in found.items() if (what := wrong(one))}
+    failures = {attack: (what, one) for attack, one in found.items() if (what := wrong(attack, one))}
     assert not failures, json.dumps(failures, indent=1)
 
 
