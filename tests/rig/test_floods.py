@@ -37,8 +37,8 @@ def observe(attack: str, folder: Path, rig: Path, inside: Inside) -> dict[str, A
 def wrong(attack: str, found: dict[str, Any]) -> list[str]:
     """Return the failed checks.
 
-    Packets that lie can end the thread of the DDS library (rustdds 0.15.1, an index into an empty bitmap). The rig
-    then hears nothing more, and has to stop by itself.
+    Packets that lie can end the thread of the DDS library (rustdds 0.15.1, an index into an empty bitmap).
+    The rig then hears nothing more, and has to stop by itself.
     """
     if "error" in found:
         return [f"it failed: {found['error']}"]
