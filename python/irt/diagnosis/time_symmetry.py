@@ -85,6 +85,8 @@ def off_bounds(dataset: Dataset, names: Sequence[str], values: Array, noise: Arr
     beyond = np.abs(values[:, :_TIME_SCALE]) / np.maximum(ends[:_TIME_SCALE], 1e-300)
     bounds = np.minimum(REACH, ends / np.maximum(low, 1e-300))[:_TIME_SCALE]
     bound = (beyond > 0.999 * bounds).any(axis=1)
+    if not bound.any():
+        return values, noise
     most = np.maximum(ends[_TIME_SCALE] / np.maximum(values[:, _TIME_SCALE], 1e-300), 1.0)
     needed = np.sqrt(np.maximum(beyond.max(axis=1), 1.0))
     factor = np.where(bound, np.minimum(needed, most), 1.0)[:, None]
