@@ -185,7 +185,7 @@ class Answer:
     @property
     def _is_whole(self) -> bool:
         """Whether the set is complete: it needs no random push, or none that matters to the error."""
-        return self._push < config.SURE or self._best.fitted.noise < (1.0 + config.EXCEEDS) * self._noise
+        return self._push < config.SURE or self._best.is_exact
 
     def _verdict(self, order: list[str]) -> Verdict:
         """Return the verdict; it is "unlisted" if the most important effect is the learned correction.

@@ -7,12 +7,14 @@ else, and the procedure repeats on the new residuals. Terms, effects and a rando
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
 from irt.diagnosis import config
+from irt.diagnosis.maxima import distinct
 from irt.diagnosis.regressors import terms_of_motion, terms_of_residuals
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import PUSH, Scored, Scores
@@ -22,15 +24,80 @@ from irt.diagnosis.terms import PICTURE, Term, in_slots, turning_picture
 Array = NDArray[np.float64]
 
 
-def learn(parent: Scored, report: Report) -> Scored | None:
+@dataclass(eq=False)
+class Corrections:
+    """Learned corrections of sets, each learned once.
+
+    Attributes
+    ----------
+    scores : Scores
+        Scores of the sets.
+    report : callable
+        Called with the name of the next step.
+    """
+
+    scores: Scores
+    report: Report
+    _known: dict[Scored, Scored | None] = field(default_factory=dict)
+    _of_one_term: dict[Scored, Scored | None] = field(default_factory=dict)
+
+    def of(self, parent: Scored) -> Scored | None:
+        """Return a set with a learned correction, or None if no term is worth its price."""
+        if parent not in self._known:
+            self._known[parent] = _learned(parent, self.report, self._with_one_term(parent))
+        return self._known[parent]
+
+    def _with_one_term(self, parent: Scored) -> Scored | None:
+        if parent not in self._of_one_term:
+            self._of_one_term[parent] = _with_another(parent, parent, self.report)
+        return self._of_one_term[parent]
+
+    def alone(self) -> Scored | None:
+        """Return the best correction in place of all effects, or None.
+
+        Where much physics is missing, correlated noise or a push may be the whole path at the highest maximum
+        of the five parameters, and no residual shows what is missing. Maxima whose free runs err clearly less
+        therefore compete.
+        """
+        base = self.scores.base()
+        clearly = 1.0 + config.EXCEEDS
+        others = [one for one in self.scores.fits_of_base if clearly * one.fitted.noise < base.fitted.noise]
+        learned = [self.of(one) for one in (base, *distinct(self.scores, others))]
+        found = [one for one in learned if one is not None]
+        return max(found, key=lambda one: one.score, default=None)
+
+    def beat(self, first: Scored) -> bool:
+        """Whether one term in place of all effects is complete and far more probable than the first effect.
+
+        What one term explains has one cause, and each effect was compared with the first. More effects could
+        only imitate it. Several terms, however, may imitate several effects.
+        """
+        if self.scores.is_whole(first):
+            return False
+        found = self._with_one_term(self.scores.base())
+        if found is None or found.score < first.score + config.NEAR:
+            return False
+        return Scores.of(found).is_whole(found)
+
+
+def _learned(parent: Scored, report: Report, first: Scored | None) -> Scored | None:
     """Add terms to a set while its score grows; return None if no term is worth its price.
 
     One term without a gain is allowed, because it may gain with the next: on a board with waves in two
     directions, one of them alone predicts nothing. It must be worth it but for the price of the choice from
     the library. Terms that become superfluous are removed.
+
+    Parameters
+    ----------
+    parent : Scored
+        The set to add terms to.
+    report : callable
+        Called with the name of the next step.
+    first : Scored or None
+        The set with the most probable term, if any was found.
     """
-    best, now, doubted = parent, parent, False
-    while (found := _with_another(parent, now, report)) is not None:
+    best, now, doubted, found = parent, parent, False, first
+    while found is not None:
         now = found
         if now.score > best.score + config.SURE:
             best, doubted = now, False
@@ -40,6 +107,7 @@ def learn(parent: Scored, report: Report) -> Scored | None:
             break
         else:
             doubted = True
+        found = _with_another(parent, now, report)
     return None if best is parent else _needed(best)
 
 

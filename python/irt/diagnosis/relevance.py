@@ -78,7 +78,7 @@ class Relevance:
         residuals of free runs are about the tracker's noise, there is nothing to gain. A push accumulates in
         free runs, and their values may undo an effect: such values are rejected.
         """
-        if one.is_free or _is_exact(one):
+        if one.is_free or one.is_exact:
             return one
         other = Scores.of(one).freed(one)
         if self._undoes_an_effect(other, one):
@@ -106,7 +106,7 @@ class Relevance:
         if not np.isfinite(windows):
             windows = -np.inf
         runs, least = without.mae - full.mae, config.MATTERS * one.dataset.noise
-        if runs >= least and runs > windows and not (one.is_free or _is_exact(one)):
+        if runs >= least and runs > windows and not (one.is_free or one.is_exact):
             free = self._freed_without(one, name)
             of_free = self.validation.fitted_mae(free) - full.mae
             if of_free < least:
@@ -180,8 +180,3 @@ class Relevance:
             if not (matters and self._is_probable(name)):
                 return name, matters
         return None
-
-
-def _is_exact(one: Scored) -> bool:
-    """Whether the residuals of free runs are about the tracker's noise, so that their values gain nothing."""
-    return one.fitted.noise < (1.0 + config.EXCEEDS) * one.dataset.noise

@@ -14,7 +14,7 @@ from irt.diagnosis import config
 from irt.diagnosis.answer import Answer
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.hypotheses import JITTER, MAP, hypotheses
-from irt.diagnosis.learned import learn
+from irt.diagnosis.learned import Corrections
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.result import Diagnosis
 from irt.diagnosis.score import Scored, Scores
@@ -68,11 +68,12 @@ def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
     """Run all stages of a diagnosis."""
     scores = Scores(dataset)
     selection = Selection(scores, hypotheses(dataset.rig.start), report)
-    posterior = selection.run()
+    corrections = Corrections(scores, report)
+    posterior = selection.run(corrections.beat)
     relevance = Relevance(selection, posterior)
     report("relevance of effects")
     kept, immaterial = relevance.kept(relevance.freed(posterior.best))
-    learned = _learned(relevance, kept, posterior.best)
+    learned = _learned(relevance, corrections, kept, posterior.best)
     if learned is not None:
         relevance = Relevance(selection, posterior.beside(learned))
         kept, more = relevance.kept(relevance.freed(learned))
@@ -80,7 +81,7 @@ def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
     return Answer(kept, relevance, immaterial).diagnosis(report)
 
 
-def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:
+def _learned(relevance: Relevance, corrections: Corrections, kept: Scored, best: Scored) -> Scored | None:
     """Return a set with a learned correction that is more probable than the best set, or None.
 
     A correction is learned if the best set needs a random push, correlated noise or delays that jitter, and
@@ -88,18 +89,18 @@ def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:
     may only have approximated it. A slope map is always challenged by a correction, because it can
     approximate one.
     """
-    scores, report = relevance.selection.scores, relevance.selection.report
+    scores = relevance.selection.scores
     base = scores.base()
     left = relevance.validation.of(kept).mae / relevance.validation.of(base).mae
     in_place = [relevance.selection.without(best, MAP)] if MAP in best.effects else []
-    is_random = JITTER in best.effects or not relevance.selection.is_whole(best)
+    is_random = JITTER in best.effects or not scores.is_whole(best)
     is_enough = not in_place and (not is_random or left < config.WORTH)
     if is_enough:
         return None
-    parents = dict.fromkeys([base, best, *in_place])
-    found = [one for parent in parents if (one := learn(parent, report)) is not None]
-    found = [one for one in found if one.score > best.score + config.SURE]
-    return max(found, key=lambda one: one.score, default=None)
+    parents = [one for one in dict.fromkeys([best, *in_place]) if one is not base]
+    found = [corrections.alone(), *(corrections.of(one) for one in parents)]
+    better = [one for one in found if one is not None and one.score > best.score + config.SURE]
+    return max(better, key=lambda one: one.score, default=None)
 
 
 def _reporter(progress: Progress | None) -> Callable[[str], None]:

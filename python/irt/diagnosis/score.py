@@ -112,6 +112,11 @@ class Scored:
         values = np.array([self.values[name] for name in problem.names])
         return self.dataset.judge(effects, values[None])[0]
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether free runs miss by about the tracker's noise."""
+        return self.fitted.noise < (1.0 + config.EXCEEDS) * self.dataset.noise
+
 
 @functools.cache
 def _width_before() -> float:
@@ -356,6 +361,11 @@ class Scores:
     def push(self, one: Scored) -> float:
         """Return the gain in log-likelihood by a random push [nats]."""
         return self.loss_without(one, [PUSH, PULL])
+
+    def is_whole(self, one: Scored) -> bool:
+        """Whether random push and correlated noise gain less than an additional effect would have to."""
+        needed = math.log(len(hypothetical())) + config.SURE
+        return self.loss_without(one, [PUSH, PULL, LASTING]) < needed
 
     def remember(self, one: Scored) -> None:
         """Keep a fit if it is the best with its effects."""

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Collection, Container, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, MEAN, ON_AVERAGE, SMOOTHED
+from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, ON_AVERAGE, SMOOTHED
 from irt.diagnosis.maxima import promising, without_pull
 from irt.diagnosis.result import UNLISTED
-from irt.diagnosis.score import KICK, LASTING, PULL, PUSH, Array, Scored, Scores, quiet
+from irt.diagnosis.score import KICK, PULL, PUSH, Array, Scored, Scores, quiet
 from irt.diagnosis.screening import Promise, Screening, child, place_of
 from irt.diagnosis.validation import Validation
 
@@ -122,42 +124,45 @@ class Selection:
     _from_free_runs: set[frozenset[str]] = field(default_factory=set)
     _thorough: set[Scored] = field(default_factory=set)
 
-    def run(self) -> Posterior:
+    def run(self, is_beaten: Callable[[Scored], bool] = lambda _: False) -> Posterior:
         """Add the effect with the largest gain, drop superfluous effects, then try replacements of each.
 
         A set with white residuals is complete, and only challenged by replacements. A slope map, which can
         describe any dependence on the position, is tried once no other effect helps; effects that
         approximated it are then dropped, and the map itself is challenged by the effects that it may
         approximate.
+
+        Parameters
+        ----------
+        is_beaten : callable
+            Called with the best set of one effect; if it returns True, no more effects are added.
         """
         best = self.scores.base()
-        challenges = [self._swapped]
+        challenges = [self._swapped, self.merged]
         additions = [
             self._grown,
             self._grown_without_pull,
             self._swapped,
             self._mapped,
             self._grown_from_rival,
+            self.merged,
         ]
         # Steps that were tried from a set are not repeated when the set comes back with a better fit.
         tried: set[tuple[str, frozenset[str]]] = set()
         better: Scored | None = best
         while better is not None:
             own, better = frozenset(best.effects), None
-            for step in challenges if self.is_whole(best) else additions:
+            for step in challenges if self.scores.is_whole(best) else additions:
                 if better is None and (step.__name__, own) not in tried:
                     tried.add((step.__name__, own))
                     better = step(best)
             if better is not None:
                 best = self._pruned(better)
+                if len(best.effects) == 1 and is_beaten(best):
+                    break
         best = self._likelier_name(best)
         scored = [one for one in self.scores.known.values() if math.isfinite(one.score)]
         return Posterior(best, tuple(sorted(scored, key=lambda one: (-one.score, one.effects)) or [best]))
-
-    def is_whole(self, one: Scored) -> bool:
-        """Whether random push and correlated noise gain less than an additional effect would have to."""
-        needed = self.scores.price([*one.effects, MEAN]) - self.scores.price(one.effects) + config.SURE
-        return self.scores.loss_without(one, [PUSH, PULL, LASTING]) < needed
 
     def _likelier_name(self, one: Scored) -> Scored:
         """Return the more probable of a set and the same set with an equivalent effect of `ALIKE`."""
@@ -342,15 +347,18 @@ class Selection:
             rest = (*rest, *ON_AVERAGE)
         if not rest:
             return self.scores.base()
-        problem = self.scores.problem(rest)
-        values = np.tile(self.scores.from_where(problem, one), (3, 1))
-        noises = np.tile(one.noise, (3, 1))
-        noises[1:, PUSH] = config.PUSHES[1:3]
-        if name == JITTER:
-            noises[:, KICK] = 0.0
-        self.scores.ascend(rest, values, noises, one.top.states, iterations=config.THOROUGH)
+        self._refitted(one, rest)
         self._without[key] = self.scores.known[frozenset(rest)]
         return self._without[key]
+
+    def _refitted(self, one: Scored, rest: tuple[str, ...]) -> list[Scored]:
+        """Fit some of the effects of a set, from the values of the set and with small and larger pushes."""
+        values = np.tile(self.scores.from_where(self.scores.problem(rest), one), (3, 1))
+        noises = np.tile(one.noise, (3, 1))
+        noises[1:, PUSH] = config.PUSHES[1:3]
+        if JITTER not in rest:
+            noises[:, KICK] = 0.0
+        return self.scores.ascend(rest, values, noises, one.top.states, iterations=config.THOROUGH)
 
     def _stripped(self, one: Scored, name: str) -> Scored:
         """Return a set without one of its effects, with all other values unchanged.
@@ -389,6 +397,25 @@ class Selection:
             is_better = better is not None and better.score > one.score + config.BETTER
             if better is not None and is_better and self._better(one, better) is better:
                 return better
+        return None
+
+    def merged(self, one: Scored) -> Scored | None:
+        """Return a better set with two effects replaced by one, if there is one.
+
+        Two effects may imitate one that is missing, and neither can be replaced without the other. What one
+        effect does happens at one stage, so both act at the same. With two effects in all nothing is left to
+        try: each effect was compared with the first.
+        """
+        if len(one.effects) < 3:
+            return None
+        for pair in itertools.permutations(one.effects, 2):
+            if len({effect(name).stage for name in pair}) == 1:
+                rest = tuple(name for name in one.effects if name not in pair)
+                less = max(self._refitted(self.without(one, pair[0]), rest), key=lambda each: each.score)
+                others = [other for other in self._other(less) if other not in pair]
+                better = self._best_child(less, others, config.SWAPPED, one.score)
+                if better is not None and better.score > one.score + config.BETTER:
+                    return better
         return None
 
 

@@ -6,10 +6,11 @@ import pytest
 from irt.catalogue import effect
 from irt.diagnosis import config
 from irt.diagnosis.formula import formula, variables
-from irt.diagnosis.learned import learn
+from irt.diagnosis.learned import Corrections
 from irt.diagnosis.regressors import terms_of_motion
 from irt.diagnosis.result import UNLISTED
-from irt.diagnosis.score import Scores
+from irt.diagnosis.score import LASTING, LASTING_S, PULL, PUSH, Scores
+from irt.diagnosis.selection import Selection
 
 
 def quiet(_text: str) -> None:
@@ -33,7 +34,7 @@ def likeliest(dataset):
 def learned(dataset):
     """Return the five-parameter model, without and with a learned correction."""
     base = Scores(dataset).base()
-    return base, learn(base, quiet)
+    return base, Corrections(Scores.of(base), quiet).of(base)
 
 
 def test_a_wave_over_the_board_is_found_with_its_length(plant):
@@ -159,6 +160,49 @@ def test_a_picture_that_turns_is_learned_from_small_and_large_angles(plant, size
 
 
 @pytest.mark.slow
+def test_a_correction_is_looked_for_where_the_marble_moves(plant):
+    """At a maximum without motion, correlated noise is the whole path, and no residual shows the picture."""
+    rates = {"picture_turn_x": 36.0, "picture_turn_y": -25.2, "picture_growth_y_per_rad": 3.0}
+    scores = Scores(plant([{"name": UNLISTED, **rates}], runs=4))
+    moving = scores.base()
+    values, noise = moving.top.values.copy(), moving.noise.copy()
+    values[:4] = *np.copysign(0.02, values[:2]), 3e-4, 0.5
+    noise[[LASTING, LASTING_S, PUSH, PULL]] = 0.03, 0.15, 1e-10, 1e-5
+    (resting,) = scores.ascend((), values[None], noise[None], iterations=config.THOROUGH)
+    scores.known[frozenset()] = resting
+    assert resting.fitted.noise > 1.5 * moving.fitted.noise
+
+    corrections = Corrections(scores, quiet)
+    found = corrections.alone()
+    assert found.terms[0].family == ("command", "picture")
+    assert found.is_exact
+    assert corrections.of(resting).score < found.score - config.NEAR
+
+
+@pytest.mark.slow
+def test_a_complete_correction_ends_the_search_for_effects_that_imitate_it(plant):
+    resonance = {"name": UNLISTED, "mode_gain": 1.0, "mode_rate_rad_per_s": 6.0, "mode_damping": 0.1}
+    scores = Scores(plant([resonance], runs=6, rows=100, stamped=True))
+    corrections, names = Corrections(scores, quiet), ["lag", "delay", "spring_hysteresis", "backlash"]
+    assert len(Selection(Scores(scores.dataset), names, quiet).run().best.effects) > 1
+    found = Selection(scores, names, quiet).run(corrections.beat).best
+    assert len(found.effects) == 1
+    assert corrections.of(scores.base()).score > found.score + config.NEAR
+
+
+@pytest.mark.slow
+def test_no_correction_ends_the_search_for_several_effects(plant):
+    planted = [
+        {"name": "tilt_bias", "bias_x_rad": 0.003, "bias_y_rad": -0.002},
+        {"name": "delay", "delay_s": 0.12},
+    ]
+    scores = Scores(plant(planted, runs=6, stamped=True))
+    corrections = Corrections(scores, quiet)
+    found = Selection(scores, ["delay", "lag", "tilt_bias", "viscous_drag"], quiet).run(corrections.beat).best
+    assert {"tilt_bias", "delay"} <= set(found.effects)
+
+
+@pytest.mark.slow
 def test_what_is_learned_simulates_and_leaves_noise(plant):
     base, found = learned(plant([wave()], runs=6, stamped=True))
     assert found.fitted.noise < 1.3 * base.dataset.noise < base.fitted.noise
@@ -187,7 +231,7 @@ def test_what_is_learned_stands_beside_effects_that_are_known(plant):
     base = scores.base()
     begin = np.append(base.top.values, [0.0015, -0.001])[None]
     (known,) = scores.ascend(("tilt_bias",), begin, base.noise[None], base.top.states, iterations=25)
-    found = learn(known, quiet)
+    found = Corrections(Scores.of(known), quiet).of(known)
     assert found.effects == ("tilt_bias", UNLISTED)
     assert found.values["tilt_bias.bias_x_rad"] == pytest.approx(0.0015, rel=0.1)
     assert found.score > known.score + config.SURE

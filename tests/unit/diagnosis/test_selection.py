@@ -95,6 +95,18 @@ def test_where_nothing_is_planted_nothing_is_even_tried(plant, seed, stamped):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("beside", [DELAY, DRAG])
+def test_two_effects_that_imitate_a_third_are_merged(plant, beside):
+    field = {"name": "point_field", "x_m": 0.2, "y_m": -0.17, "strength_m3_per_s2": 0.0028}
+    scores = Scores(plant([field, beside], seed=1))
+    imitated = Selection(scores, ["board_warp", "bump", beside["name"]], quiet).run().best
+    assert len(imitated.effects) == 3
+    merged = Selection(scores, hypotheses(), quiet).merged(imitated)
+    assert set(merged.effects) == {"point_field", beside["name"]}
+    assert merged.score > imitated.score + config.NEAR
+
+
+@pytest.mark.slow
 def test_a_push_alone_asks_for_no_effect(plant):
     scores, posterior = select(plant(runs=5, seed=1, stamped=True, pushed=PUSHED))
     assert posterior.best.effects == ()
