@@ -72,7 +72,7 @@ class Answer:
         self._best, self._relevance, self._immaterial = best, relevance, immaterial
         self._posterior: Posterior = relevance.posterior
         self._dataset: Dataset = relevance.selection.scores.dataset
-        self._base = relevance.as_free(relevance.selection.scores.base(), best)
+        self._base = relevance.selection.baseline if best.effects else best
         self._proof = relevance.validation.of(best)
         self._base_proof = relevance.validation.of(self._base)
         self._parameters, self._unidentifiable = relevance.parameters(best)
@@ -240,7 +240,7 @@ class Answer:
         if not self._proof.is_proof:
             return None
         best = self._best
-        less = [self._base, *(self._relevance.without(best, name) for name in best.effects)]
+        less = [self._scores.base(), *(self._relevance.without(best, name) for name in best.effects)]
         likely = [one for one, _ in self._likely(tied)]
         return nested([best, *less, *(one.scored for one in tied), *likely], self._relevance.validation)
 
@@ -305,7 +305,7 @@ class Answer:
 
     def _candidates(self, tied: list[Tie]) -> tuple[Candidate, ...]:
         alike = {frozenset(one.scored.effects) for one in tied}
-        base = self._base
+        base = self._scores.base()
         sets = {frozenset(one.effects): one for one in (*self._posterior.sets, self._best)}
         found = []
         chances = probabilities([one.score for one in sets.values()])

@@ -89,15 +89,14 @@ def _learned(relevance: Relevance, corrections: Corrections, kept: Scored, best:
     may only have approximated it. A slope map is always challenged by a correction, because it can
     approximate one.
     """
-    scores = relevance.selection.scores
-    base = scores.base()
-    left = relevance.validation.of(kept).mae / relevance.validation.of(base).mae
+    scores, baseline = relevance.selection.scores, relevance.selection.baseline
+    left = relevance.validation.of(kept).mae / relevance.validation.of(baseline).mae
     in_place = [relevance.selection.without(best, MAP)] if MAP in best.effects else []
     is_random = JITTER in best.effects or not scores.is_whole(best)
     is_enough = not in_place and (not is_random or left < config.WORTH)
     if is_enough:
         return None
-    parents = [one for one in dict.fromkeys([best, *in_place]) if one is not base]
+    parents = [one for one in dict.fromkeys([best, *in_place]) if one.effects]
     found = [corrections.alone(), *(corrections.of(one) for one in parents)]
     better = [one for one in found if one is not None and one.score > best.score + config.SURE]
     return max(better, key=lambda one: one.score, default=None)

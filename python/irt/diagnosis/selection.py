@@ -164,6 +164,20 @@ class Selection:
         scored = [one for one in self.scores.known.values() if math.isfinite(one.score)]
         return Posterior(best, tuple(sorted(scored, key=lambda one: (-one.score, one.effects)) or [best]))
 
+    @functools.cached_property
+    def baseline(self) -> Scored:
+        """The five parameters that predict held-out recordings best, to which effects are compared.
+
+        Where much physics is missing, a noise that is the whole path may be likelier than parameters that
+        predict. Effects get no credit for what least squares from the best free runs do without them.
+        """
+        base = self.scores.base()
+        if base.is_exact:
+            return base
+        least = min(self.scores.fits_of_base, key=lambda one: one.fitted.noise)
+        free = [self.scores.freed(one) for one in dict.fromkeys([base, least])]
+        return min([base, *free], key=lambda one: self.validation.of(one).mae)
+
     def _likelier_name(self, one: Scored) -> Scored:
         """Return the more probable of a set and the same set with an equivalent effect of `ALIKE`."""
         own = ALIKE.intersection(one.effects)

@@ -106,6 +106,21 @@ def test_two_effects_that_imitate_a_third_are_merged(plant, beside):
     assert merged.score > imitated.score + config.NEAR
 
 
+def test_effects_are_compared_with_the_five_parameters_that_predict_best(plant):
+    """Not with those that are likeliest, because correlated noise may be the whole path there."""
+    scores = Scores(plant([BIAS]))
+    base = scores.base()
+    values, noise = base.top.values.copy(), base.noise.copy()
+    values[:2] *= 0.01
+    noise[LASTING] = 0.1
+    (resting,) = scores.ascend((), values[None], noise[None], iterations=2)
+    scores.known[frozenset()] = resting
+    selection = Selection(scores, hypotheses(), quiet)
+    assert selection.baseline.effects == ()
+    errors = [selection.validation.of(one).mae for one in (selection.baseline, base, resting)]
+    assert errors[0] == min(errors)
+
+
 @pytest.mark.slow
 def test_a_push_alone_asks_for_no_effect(plant):
     scores, posterior = select(plant(runs=5, seed=1, stamped=True, pushed=PUSHED))
