@@ -70,6 +70,11 @@ def magnitude(value: float) -> int:
     return math.floor(math.log10(abs(value))) if value else 0
 
 
+def two_digits(value: float) -> str:
+    """Return a number to two digits, with trailing zeros and at most three decimals."""
+    return f"{value:.{max(0, min(3, 1 - magnitude(value)))}f}"
+
+
 def percent(error: float | None) -> str:
     """Return an error in board edges as percent of the edge; a dash if there is none."""
     return "-" if error is None or math.isnan(error) else f"{100.0 * error:.3g} %"

@@ -11,7 +11,7 @@ from irt.catalogue import effect
 from irt.diagnosis.dataset import Dataset, Fitted
 from irt.diagnosis.formula import formula, turns, variables
 from irt.diagnosis.result import UNLISTED, NamedEffect
-from irt.display import in_rows, listed
+from irt.display import in_rows, listed, two_digits
 from irt.files import as_typed
 from irt.model import Parameter
 
@@ -199,4 +199,4 @@ def slopes(values: Iterable[float], unit: str) -> str:
 
 
 def _percent(error: float) -> str:
-    return f"{100.0 * error:.2g} %"
+    return f"{two_digits(100.0 * error)} %"

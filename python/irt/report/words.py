@@ -25,8 +25,7 @@ def percent(error: float) -> str:
     """Return an error given in board edges as text: percent, to two digits."""
     if math.isnan(error):
         return "-"
-    value = 100 * error
-    return f"{value:.{max(0, min(3, 1 - display.magnitude(value)))}f}{_NO_BREAK}%"
+    return f"{display.two_digits(100 * error)}{_NO_BREAK}%"
 
 
 def millimetres(error: float, edge_m: float) -> str:

@@ -17,7 +17,7 @@ def effect(name="backlash", ties=()):
 
 def test_the_answer_names_effect_value_and_gain():
     text = summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
-    for words in ("backlash", "width_x 0.031 rad", "0.2 %", "4 %", "0.08 %"):
+    for words in ("backlash", "width_x 0.031 rad", "0.20 %", "4.0 %", "0.080 %"):
         assert words.lower() in text.lower()
 
 
@@ -59,7 +59,7 @@ def test_one_recording_is_fitted_and_not_predicted():
 def test_no_error_is_said_to_fall_that_does_not(after):
     text = summary([effect()], noise=0.001, before=0.04, after=after, heldout=True)
     assert "falls" not in text
-    assert "held-out recordings are likelier row by row, but the error does not fall (4 % of" in text
+    assert "held-out recordings are likelier row by row, but the error does not fall (4.0 % of" in text
 
 
 def test_a_mismatch_that_nothing_explains_is_not_called_sufficient():
