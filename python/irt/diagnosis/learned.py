@@ -66,16 +66,17 @@ class Corrections:
         found = [one for one in learned if one is not None]
         return max(found, key=lambda one: one.score, default=None)
 
-    def beat(self, first: Scored) -> bool:
-        """Whether one term in place of all effects is complete and far more probable than the first effect.
+    def beat(self, best: Scored) -> bool:
+        """Whether one term in place of all effects is complete, and far more probable than a set that is not.
 
-        What one term explains has one cause, and each effect was compared with the first. More effects could
-        only imitate it. Several terms, however, may imitate several effects.
+        What one term explains has one cause, and more effects could only imitate it. But two of a kind, such
+        as drags, may be one term, so that two must have been tried, and several terms may imitate several
+        effects.
         """
-        if self.scores.is_whole(first):
+        if self.scores.is_whole(best):
             return False
         found = self._with_one_term(self.scores.base())
-        if found is None or found.score < first.score + config.NEAR:
+        if found is None or found.score < best.score + config.NEAR:
             return False
         return Scores.of(found).is_whole(found)
 

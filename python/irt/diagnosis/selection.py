@@ -135,7 +135,7 @@ class Selection:
         Parameters
         ----------
         is_beaten : callable
-            Called with the best set of one effect; if it returns True, no more effects are added.
+            Called with the best set of two effects or more; if it returns True, no more are added.
         """
         best = self.scores.base()
         challenges = [self._swapped, self.merged]
@@ -158,7 +158,7 @@ class Selection:
                     better = step(best)
             if better is not None:
                 best = self._pruned(better)
-                if len(best.effects) == 1 and is_beaten(best):
+                if len(best.effects) > 1 and is_beaten(best):
                     break
         best = self._likelier_name(best)
         scored = [one for one in self.scores.known.values() if math.isfinite(one.score)]

@@ -180,26 +180,34 @@ def test_a_correction_is_looked_for_where_the_marble_moves(plant):
 
 
 @pytest.mark.slow
-def test_a_complete_correction_ends_the_search_for_effects_that_imitate_it(plant):
-    resonance = {"name": UNLISTED, "mode_gain": 1.0, "mode_rate_rad_per_s": 6.0, "mode_damping": 0.1}
-    scores = Scores(plant([resonance], runs=6, rows=100, stamped=True))
-    corrections, names = Corrections(scores, quiet), ["lag", "delay", "spring_hysteresis", "backlash"]
-    assert len(Selection(Scores(scores.dataset), names, quiet).run().best.effects) > 1
+def test_one_complete_term_ends_the_search_for_effects_that_imitate_it(plant):
+    waves = wave(push_1_x_m_per_s2=0.06, wave_1_x_per_m=60.0)
+    scores = Scores(plant([waves], runs=6, rows=100, stamped=True))
+    corrections = Corrections(scores, quiet)
+    names = ["board_warp", "point_field", "bump", "camera_offset", "slope_map"]
+    assert len(Selection(Scores(scores.dataset), names, quiet).run().best.effects) > 2
     found = Selection(scores, names, quiet).run(corrections.beat).best
-    assert len(found.effects) == 1
+    assert len(found.effects) == 2
     assert corrections.of(scores.base()).score > found.score + config.NEAR
 
 
 @pytest.mark.slow
-def test_no_correction_ends_the_search_for_several_effects(plant):
-    planted = [
-        {"name": "tilt_bias", "bias_x_rad": 0.003, "bias_y_rad": -0.002},
-        {"name": "delay", "delay_s": 0.12},
-    ]
-    scores = Scores(plant(planted, runs=6, stamped=True))
-    corrections = Corrections(scores, quiet)
-    found = Selection(scores, ["delay", "lag", "tilt_bias", "viscous_drag"], quiet).run(corrections.beat).best
-    assert {"tilt_bias", "delay"} <= set(found.effects)
+@pytest.mark.parametrize(
+    "planted",
+    [
+        [{"name": "viscous_drag", "rate_per_s": 0.3}, {"name": "quadratic_drag", "coefficient_per_m": 60.0}],
+        [
+            {"name": "tilt_bias", "bias_x_rad": 0.003, "bias_y_rad": -0.002},
+            {"name": "delay", "delay_s": 0.12},
+        ],
+    ],
+    ids=["two drags that one term explains", "effects that two terms explain"],
+)
+def test_no_correction_ends_the_search_for_effects_that_it_imitates(plant, planted):
+    scores = Scores(plant(planted, runs=6, rows=200, stamped=True))
+    names = ["delay", "lag", "tilt_bias", "viscous_drag", "quadratic_drag"]
+    found = Selection(scores, names, quiet).run(Corrections(scores, quiet).beat).best
+    assert set(found.effects) == {one["name"] for one in planted}
 
 
 @pytest.mark.slow
