@@ -423,9 +423,10 @@ class Selection:
         if len(one.effects) < 3:
             return None
         for pair in itertools.permutations(one.effects, 2):
-            if len({effect(name).stage for name in pair}) == 1:
-                rest = tuple(name for name in one.effects if name not in pair)
-                less = max(self._refitted(self.without(one, pair[0]), rest), key=lambda each: each.score)
+            if len({effect(name).stage for name in pair}) > 1:
+                continue
+            rest = tuple(name for name in one.effects if name not in pair)
+            for less in _best(self._refitted(self.without(one, pair[0]), rest), 1):
                 others = [other for other in self._other(less) if other not in pair]
                 better = self._best_child(less, others, config.SWAPPED, one.score)
                 if better is not None and better.score > one.score + config.BETTER:
