@@ -56,7 +56,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_it_reads_nothing_but_the_rig_and_the_program(rig: Path, tmp_path: Path) -> None:
     out, log = rig.with_name("out"), tmp_path / "log.json"
     out.mkdir()
-    command = [sys.executable, "-c", WATCHED, str(log), BLIND, str(rig), str(out)]
+    command = [sys.executable, "-P", "-c", WATCHED, str(log), BLIND, str(rig), str(out)]
     subprocess.run(command, env=environment(), cwd=rig.parent, check=True, timeout=120)
     heard = json.loads(log.read_text())
     package = Path(irt.__file__).parent
