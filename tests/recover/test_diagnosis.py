@@ -19,21 +19,27 @@ NOISE = 1e-3
 FLOOR = NOISE * np.sqrt(2 / np.pi)
 
 
-def hidden(*effects, engine="rolling", runs=5, rows=90, seed=3):
-    """Return a rig whose recordings have these effects."""
+#: Deviations of a rim's restitution in six recordings.
+REBOUNDS = (-0.35, 0.35, -0.25, 0.25, -0.15, 0.15)
+
+
+def hidden(*effects, engine="rolling", runs=5, rows=90, seed=3, size=1.0, board=None, each=None):
+    """Return a rig whose recordings have these effects, one of `each` besides, and commands of that size."""
+    rig = Rig(Path("rig"), board or Board(), Marble(), "rest", dict(RANGES), ())
     random = np.random.default_rng(seed)
     recordings = []
     for index in range(runs):
         time = np.arange(rows)[:, None, None] / rows
         waves = np.sin(2 * np.pi * (time * random.uniform(0.7, 5.0, (2, 3)) + random.random((2, 3))))
-        knobs = (waves * random.uniform(0.01, 0.05, (2, 3))).sum(axis=2)
+        knobs = size * (waves * random.uniform(0.01, 0.05, (2, 3))).sum(axis=2)
         start = random.uniform(-0.1, 0.1, 2)
+        own = [*effects, *(each[index : index + 1] if each else ())]
         marble = irt.rollouts(
-            [TRUTH], knobs, effects=effects, start=start, engine=engine, seed=[100 + index]
+            [TRUTH], knobs, rig=rig, effects=own, start=start, engine=engine, seed=[100 + index]
         )[0]
         marble = marble + NOISE * random.standard_normal(marble.shape)
         recordings.append(Recording(f"run-{index}", Path(f"run-{index}.csv"), knobs, marble))
-    return Rig(Path("rig"), Board(), Marble(), "rest", dict(RANGES), tuple(recordings))
+    return replace(rig, recordings=tuple(recordings))
 
 
 def names(found):
@@ -115,6 +121,20 @@ def test_where_nothing_is_hidden_nothing_is_named():
     seen = [one for one in found.power if one.least is not None]
     assert seen
     assert all(0.0 < one.least <= one.largest for one in seen)
+
+
+@pytest.mark.slow
+def test_rebounds_that_vary_are_neither_named_nor_called_explained():
+    """The rim gives back another part of the speed in each recording, on average what the rig file says."""
+    half = Board(wall_restitution=0.4)
+    each = [{"name": "wall_restitution", "increase": one} for one in REBOUNDS]
+    rig = hidden(runs=len(each), size=2.5, board=half, each=each)
+    found = irt.diagnose(rig)
+    assert found.effects == ()
+    assert found.verdict == "sufficient"
+    assert found.base_heldout_mae > 2.0 * FLOOR
+    assert found.remains.stage == "contact"
+    assert "Between impacts the five parameters explain the recordings; rebounds" in found.summary
 
 
 @pytest.mark.slow

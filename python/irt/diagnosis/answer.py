@@ -104,8 +104,7 @@ class Answer:
                 before=base.mae,
                 after=answer.mae,
                 heldout=is_held_out,
-                explained=self._is_whole,
-                leaves=not self._is_whole,
+                rest=self._rest,
                 row_s=None if dataset.time_scale is not None else dataset.row_s(best.fitted),
             ),
             where=where,
@@ -182,10 +181,27 @@ class Answer:
         """Gain in log-likelihood by a random push [nats]."""
         return Scores.of(self._best).push(self._best)
 
+    @functools.cached_property
+    def _rebounds(self) -> float:
+        """Gain in log-likelihood by random rebounds from the rim [nats]."""
+        return Scores.of(self._best).loss_without(self._best, [RESTITUTION])
+
     @property
+    def _is_pushed(self) -> bool:
+        """Whether the set needs a random push that matters to the error."""
+        return self._push >= config.SURE and not self._best.is_exact
+
+    @functools.cached_property
     def _is_whole(self) -> bool:
-        """Whether the set is complete: it needs no random push, or none that matters to the error."""
-        return self._push < config.SURE or self._best.is_exact
+        """Whether the set is complete: it needs no random push and no random rebounds that matter."""
+        return self._best.is_exact or max(self._push, self._rebounds) < config.SURE
+
+    @property
+    def _rest(self) -> words.Rest:
+        """Origin of errors that are clearly more than noise."""
+        if self._is_whole:
+            return ""
+        return "push" if self._is_pushed else "rim"
 
     def _verdict(self, order: list[str]) -> Verdict:
         """Return the verdict; it is "unlisted" if the most important effect is the learned correction.
@@ -194,14 +210,14 @@ class Answer:
         it.
         """
         if not order:
-            return "unlisted" if not self._is_whole and self._repeats else "sufficient"
+            return "unlisted" if self._is_pushed and self._repeats else "sufficient"
         return "unlisted" if order[0] == UNLISTED else "missing"
 
     def _where(self) -> tuple[Finding, ...]:
         if not self._best.effects and self._is_whole:
             return ()
         base, sources = self._base.fitted, self._sources(self._base)
-        named = () if UNLISTED in self._best.effects or not self._is_whole else self._best.effects
+        named = () if UNLISTED in self._best.effects or self._is_pushed else self._best.effects
         return (
             *self._needed_before.findings(CLEAR),
             *variables(self._best.terms, sources),
@@ -279,9 +295,8 @@ class Answer:
         rest = [one.share for one in shares if one.what == REST and one.horizon_s is None]
         stage = None
         if not self._is_whole:
-            at_rim = Scores.of(self._best).loss_without(self._best, [RESTITUTION])
-            stage = "contact" if at_rim > self._push else "board"
-        repeats = not self._is_whole and self._repeats
+            stage = "contact" if self._rebounds > self._push else "board"
+        repeats = self._is_pushed and self._repeats
         return Remains(share=rest[0] if rest else 0.0, stage=stage, repeats=repeats, floor_of_the_log=floor)
 
     @functools.cached_property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -24,6 +25,10 @@ from irt.segments import Segment, segments
 Array = NDArray[np.float64]
 
 
+#: Rows of a stretch: more than outliers last, and less than the path of a marble goes wrong for.
+_STRETCH = 10
+
+
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """A fit of the base model with added effects.
@@ -41,7 +46,8 @@ class Fitted:
     residuals : tuple of (rows, 2) arrays
         Predicted minus observed for each segment [board edges], NaN in rows without a marble.
     noise : float
-        Robust standard deviation of the residuals [board edges].
+        Root mean square of the robust standard deviations of stretches of rows [board edges]. Outliers do not
+        count, but what follows an impact does, although most rows of the recordings may be as predicted.
     """
 
     dataset: Dataset
@@ -57,8 +63,7 @@ class Fitted:
     ) -> Fitted:
         """Return the fit from the engine's solution of a problem."""
         residuals = tuple(found.residuals)
-        noise = deviation(np.concatenate([residual.ravel() for residual in residuals]))
-        return cls(dataset, tuple(effects), problem.names, found.values, residuals, noise)
+        return cls(dataset, tuple(effects), problem.names, found.values, residuals, _of_stretches(residuals))
 
     @property
     def by_name(self) -> dict[str, float]:
@@ -258,3 +263,10 @@ def horizon_row_s(rig: Rig) -> float | None:
     if stamped_time_scale(rig) is not None:
         return None
     return float(np.mean(rig.ranges["time_scale"])) * SUBSTEP_S
+
+
+def _of_stretches(residuals: Sequence[Array]) -> float:
+    """Return the root mean square of the robust standard deviations of stretches of rows (rows, 2)."""
+    stretches = [one[first : first + _STRETCH] for one in residuals for first in range(0, len(one), _STRETCH)]
+    found = [deviation(one) for one in stretches if np.isfinite(one).any()]
+    return math.sqrt(float(np.mean(np.square(found)))) if found else math.nan

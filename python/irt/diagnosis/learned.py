@@ -60,8 +60,7 @@ class Corrections:
         therefore compete.
         """
         base = self.scores.base()
-        clearly = 1.0 + config.EXCEEDS
-        others = [one for one in self.scores.fits_of_base if clearly * one.fitted.noise < base.fitted.noise]
+        others = [one for one in self.scores.fits_of_base if base.errs_more_than(one.fitted.noise)]
         learned = [self.of(one) for one in (base, *distinct(self.scores, others))]
         found = [one for one in learned if one is not None]
         return max(found, key=lambda one: one.score, default=None)

@@ -115,7 +115,11 @@ class Scored:
     @property
     def is_exact(self) -> bool:
         """Whether free runs miss by about the tracker's noise."""
-        return self.fitted.noise < (1.0 + config.EXCEEDS) * self.dataset.noise
+        return not self.errs_more_than(self.dataset.noise)
+
+    def errs_more_than(self, noise: float) -> bool:
+        """Whether free runs have clearly more than this noise [board edges]."""
+        return self.fitted.noise >= (1.0 + config.EXCEEDS) * noise
 
 
 @functools.cache

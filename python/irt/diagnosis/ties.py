@@ -12,7 +12,7 @@ from irt.diagnosis import config
 from irt.diagnosis.hypotheses import ALIKE
 from irt.diagnosis.score import Array, Scored, Scores
 from irt.diagnosis.selection import Posterior, exchange, is_rival, renamed
-from irt.diagnosis.validation import Validation
+from irt.diagnosis.validation import Validation, agree
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,11 @@ def ties(exchanges: Sequence[Tie], answer: Scored) -> list[Tie]:
     for name in ALIKE.intersection(answer.effects):
         other = renamed(answer, name)
         instead = other.effects[answer.effects.index(name)]
-        alike = _is_same(answer, other) or Scores.of(answer).push(answer) > config.SURE
+        alike = (
+            _is_same(answer, other)
+            or Scores.of(answer).push(answer) > config.SURE
+            or not _fits_better(answer, other)
+        )
         if alike and all(one.instead != instead for one in found):
             found.append(Tie(name, instead, other))
     return found
@@ -67,6 +71,18 @@ def exchanged(posterior: Posterior, validation: Validation) -> list[Tie]:
 def _is_same(one: Scored, other: Scored) -> bool:
     """Whether two sets predict most rows alike, up to the phase of commands within a time step."""
     return float(np.nanmedian(np.abs(_between(one, other)))) < config.SAME * one.dataset.noise
+
+
+def _fits_better(one: Scored, than: Scored) -> bool:
+    """Whether the recordings agree that free runs of a set are nearer than those of another.
+
+    Rebounds magnify what the phase of commands within a time step changes, so that most rows may differ.
+    """
+    pairs = zip(one.fitted.residuals, than.fitted.residuals, strict=True)
+    gains = np.array([np.nanmean(np.abs(other)) - np.nanmean(np.abs(own)) for own, other in pairs])
+    folds = one.dataset.folds
+    of_recordings = np.array([gains[folds == fold].mean() for fold in np.unique(folds)])
+    return len(of_recordings) > 1 and agree(of_recordings)
 
 
 def _between(one: Scored, other: Scored) -> Array:

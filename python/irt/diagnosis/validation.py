@@ -146,7 +146,7 @@ class Validation:
         """
         here, other = self.of(one), self.of(than)
         return here.is_proof and (
-            _agree(other.errors - here.errors) or _agree(other.windowed_errors - here.windowed_errors)
+            agree(other.errors - here.errors) or agree(other.windowed_errors - here.windowed_errors)
         )
 
     def is_likelier(self, one: Scored, than: Scored) -> bool:
@@ -156,7 +156,7 @@ class Validation:
         and those of free runs contain pushes that do not repeat: both can hide what the rows show.
         """
         gains = self.likelihood_gains(one, than)
-        return bool(gains.sum() > config.SURE) and _agree(gains)
+        return bool(gains.sum() > config.SURE) and agree(gains)
 
     def likelihood_gains(self, one: Scored, than: Scored) -> Array:
         """Return the gain in log-likelihood of each held-out recording over another set, (r,) [nats].
@@ -180,7 +180,7 @@ class Validation:
         return float(np.sqrt(known.mean())) if len(known) else math.nan
 
 
-def _agree(gains: Array) -> bool:
+def agree(gains: Array) -> bool:
     """Whether the mean of gains is above zero, at a level of 5 %."""
     count = len(gains)
     error = float(np.std(gains, ddof=1)) / math.sqrt(count)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -15,13 +16,29 @@ from irt.display import in_rows, listed, two_digits
 from irt.files import as_typed
 from irt.model import Parameter
 
+#: Origin of errors that are clearly more than noise.
+Rest = Literal["", "push", "rim"]
+
 #: Mean absolute value of a normal variable over its standard deviation.
 _MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
-#: Sentence added if the residuals exceed noise clearly.
-_MORE = (
-    " Errors beyond noise remain: they do not repeat from run to run, or no effect of the catalogue "
-    "describes them."
-)
+#: Sentences added if effects are named and errors remain that are clearly more than noise, by their origin.
+_MORE = {
+    "": "",
+    "push": " Errors beyond noise remain: they do not repeat from run to run, or no effect of the catalogue "
+    "describes them.",
+    "rim": " Errors beyond noise remain: rebounds from the rim differ from what any effect of the catalogue "
+    "describes.",
+}
+#: What is said without effects, around the errors.
+_NONE = {
+    "": ("The five parameters explain the recordings", "They reveal no missing physics."),
+    "push": ("No known effect explains the residuals of the five-parameter model", ""),
+    "rim": (
+        "Between impacts the five parameters explain the recordings; rebounds from the rim differ from what "
+        "any known effect describes",
+        "",
+    ),
+}
 #: Beginning of the note with the formula of a learned correction.
 LEARNED = "Learned correction, in SI units: "
 #: Fewest recordings, and fewest rows with a moving marble, for a diagnosis without a caveat.
@@ -35,8 +52,7 @@ def summary(
     before: float,
     after: float,
     heldout: bool,
-    explained: bool = True,
-    leaves: bool = False,
+    rest: Rest = "",
     row_s: float | None = None,
 ) -> str:
     """Return the result in one or two sentences.
@@ -51,10 +67,8 @@ def summary(
         Mean absolute error of the base model and of the final one [board edges].
     heldout : bool
         Whether these are errors on held-out recordings.
-    explained : bool
-        Whether the residuals are noise.
-    leaves : bool
-        Whether the residuals are far beyond noise.
+    rest : {"", "push", "rim"}
+        Origin of errors that are clearly more than noise: a random push, random rebounds alone, or none.
     row_s : float, optional
         Duration of a row in the simulation [s] if recordings have no stamps; times are then given in rows.
     """
@@ -64,9 +78,8 @@ def summary(
             f"{'held-out error' if heldout else 'error of the fit'} {_percent(before)} of the board's edge"
         )
         errors = f"({error}; tracker noise alone gives {floor})"
-        if not explained:
-            return f"No known effect explains the residuals of the five-parameter model {errors}."
-        return f"The five parameters explain the recordings {errors}. They reveal no missing physics."
+        before_errors, after_errors = _NONE[rest]
+        return f"{before_errors} {errors}. {after_errors}".rstrip()
     one = len(effects) == 1
     named = listed(_shown(one, row_s) for one in effects)
     which = "held-out recordings" if heldout else "the only recording"
@@ -75,7 +88,7 @@ def summary(
         for one in effects
         if one.confusable_with
     )
-    more = _MORE if leaves and all(one.name != UNLISTED for one in effects) else ""
+    more = _MORE[rest] if all(one.name != UNLISTED for one in effects) else ""
     what = f"the error on {which} falls from {_percent(before)} to {_percent(after)} of the board's edge"
     if after >= before or _percent(after) == _percent(before):
         # Effects are also named because each row is likelier with them; errors of long runs may hide it.

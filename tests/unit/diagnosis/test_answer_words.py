@@ -63,15 +63,23 @@ def test_no_error_is_said_to_fall_that_does_not(after):
 
 
 def test_a_mismatch_that_nothing_explains_is_not_called_sufficient():
-    text = summary([], noise=0.001, before=0.04, after=0.04, heldout=True, explained=False)
+    text = summary([], noise=0.001, before=0.04, after=0.04, heldout=True, rest="push")
     assert "no missing physics" not in text
     assert "No known effect explains" in text
 
 
-def test_a_name_that_leaves_much_is_reported_as_such():
-    text = summary(
-        [effect()], noise=0.001, before=0.04, after=0.02, heldout=True, explained=False, leaves=True
+def test_rebounds_that_nothing_explains_are_mentioned():
+    text = summary([], noise=0.001, before=0.01, after=0.01, heldout=True, rest="rim")
+    assert text.startswith("Between impacts the five parameters explain the recordings; rebounds")
+    assert "(held-out error 1.0 % of the board's edge; tracker noise alone gives 0.080 %)." in text
+    assert "no missing physics" not in text
+    assert "remain: rebounds" in summary(
+        [effect()], noise=0.001, before=0.04, after=0.02, heldout=True, rest="rim"
     )
+
+
+def test_a_name_that_leaves_much_is_reported_as_such():
+    text = summary([effect()], noise=0.001, before=0.04, after=0.02, heldout=True, rest="push")
     assert "Errors beyond noise remain" in text
     assert "remain" not in summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
 

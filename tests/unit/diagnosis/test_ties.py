@@ -47,6 +47,21 @@ def test_a_push_does_not_distinguish_them(plant):
     assert "the random push hides" in reason(best, tie)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("level", [True, False])
+def test_where_they_differ_the_recordings_must_agree_on_one_of_them(plant, monkeypatch, level):
+    """On a board that leans, the marble sets off at once, and only a late picture shows it at rest."""
+    monkeypatch.setattr(config, "SAME", 0.0)
+    names = ["delay", "latency"]
+    planted = [{"name": "latency", "latency_s": 0.15}]
+    if not level:
+        planted.append({"name": "tilt_bias", "bias_x_rad": 0.003, "bias_y_rad": -0.002})
+    best, found = tied(plant(planted, runs=5, stamped=True), [*names, "tilt_bias"])
+    late = [{one.name, one.instead} for one in found if one.name in names]
+    assert late == ([set(names)] if level else [])
+    assert level or "latency" in best.effects
+
+
 def test_of_sets_about_as_probable_one_name_stands_in_the_place_of_another(plant):
     scores = Scores(plant([{"name": "delay", "delay_s": 0.15}], stamped=True))
     base = scores.base()

@@ -18,11 +18,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Protocol
 
 import numpy as np
 
 from .physics import EDGE_X_M, EDGE_Y_M, GRAVITY, MASS_KG, RADIUS_M, Array, Marble, Physics, acts
-from .rim import LATERAL_FRICTION, Rim
+from .rim import LATERAL_FRICTION, Moving, Rim
 
 STEP_S = 1 / 960
 #: A unit of `time_scale`: the paper's physics update.
@@ -164,67 +165,108 @@ def gravity(tilts: Array) -> Array:
     return GRAVITY * np.stack([cos[:, 0] * sin[:, 1], -sin[:, 0], -cos[:, 0] * cos[:, 1]], axis=1)
 
 
-def roll(base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequence[Physics]) -> Array:
-    """Return the marble's centre (steps + 1, 2) [m]."""
-    p = bullet()
-    heavy = RADIUS_M * np.array([(0.0, 0.0, 0.0), *(one.heavy_side() for one in hidden)]).sum(axis=0)
-    with _world(p, base, start_m, heavy) as (client, body):
-        push = _Push(p, client, body, base, hidden)
-        rim = Rim(p, client, body, bounced(hidden))
-        marble = Marble(*start_m, STEP_S, friction=base.rolling_friction)
-        path = np.empty((len(tilts), 2))
-        path[0] = start_m
-        for step, pull in enumerate(gravity(tilts[1:]).tolist()):
-            p.setGravity(*pull, physicsClientId=client)
-            if push.acts:
-                marble.time, marble.pull_x, marble.pull_y = step * STEP_S, pull[0], pull[1]
-                push.apply(marble)
-            p.stepSimulation(physicsClientId=client)
-            place, turned = p.getBasePositionAndOrientation(body, physicsClientId=client)
-            if heavy.any():
-                turned = np.reshape(p.getMatrixFromQuaternion(turned), (3, 3))
-                place = np.subtract(place, turned @ heavy)
-            path[step + 1] = place[:2]
-            if rim.acts:
-                rim.apply(place)
-            if push.acts:
-                before = marble.x, marble.y
-                marble.x, marble.y = place[0], place[1]
-                marble.way += math.hypot(marble.x - before[0], marble.y - before[1])
+class Body(Moving, Protocol):
+    """A marble in an engine, in SI units and the board's frame."""
+
+    def step(self, pull: Sequence[float]) -> Sequence[float]:
+        """Go on by a step under gravity (3,) [m/s^2]; return the marble's centre [m]."""
+
+    def push(self, force: Array, torque: Array, factor: float) -> None:
+        """Push the marble in the next step.
+
+        Parameters
+        ----------
+        force, torque : (3,) array
+            At the centre of mass, divided by the mass [m/s^2], [m^2/s^2].
+        factor : float
+            Factor on the rolling friction.
+        """
+
+
+def follow(
+    body: Body, base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequence[Physics]
+) -> Array:
+    """Return the marble's centre (steps + 1, 2) [m], moved step by step by its engine and hidden physics."""
+    rim = Rim(body, bounced(hidden))
+    forces = [one.force for one in hidden if acts(one, "force")]
+    torques = [one.torque for one in hidden if acts(one, "torque")]
+    resistances = [one.resist for one in hidden if acts(one, "resist")]
+    marble = Marble(*start_m, STEP_S, friction=base.rolling_friction)
+    path = np.empty((len(tilts), 2))
+    path[0] = start_m
+    for step, pull in enumerate(gravity(tilts[1:]).tolist()):
+        if forces or torques or resistances:
+            (marble.vx, marble.vy, _), (spin_x, spin_y, spin_z) = body.velocity()
+            marble.spin = spin_x, spin_y, spin_z
+            marble.time, marble.pull_x, marble.pull_y = step * STEP_S, pull[0], pull[1]
+            pushed, turned = np.zeros(3), np.zeros(3)
+            for force in forces:
+                x, y = force(marble)
+                marble.pull_x += x
+                marble.pull_y += y
+                pushed[:2] += (x, y)
+            for torque in torques:
+                turned += torque(marble)
+            body.push(pushed, turned, math.prod(resistance(marble) for resistance in resistances))
+        place = body.step(pull)
+        path[step + 1] = place[:2]
+        if rim.acts:
+            rim.apply(place)
+        marble.way += math.hypot(marble.x - place[0], marble.y - place[1])
+        marble.x, marble.y = place[0], place[1]
     return path
 
 
-class _Push:
-    """Forces and torques on the marble other than gravity and contact."""
+def roll(base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequence[Physics]) -> Array:
+    """Return the marble's centre (steps + 1, 2) [m]."""
+    p = bullet()
+    heavy = heavy_side(hidden)
+    with _world(p, base, start_m, heavy) as (client, body):
+        return follow(_Ball(p, client, body, base, heavy), base, tilts, start_m, hidden)
 
-    def __init__(self, p: ModuleType, client: int, body: int, base: Base, hidden: Sequence[Physics]) -> None:
-        self.p, self.client, self.body = p, client, body
-        self.forces = [one.force for one in hidden if acts(one, "force")]
-        self.torques = [one.torque for one in hidden if acts(one, "torque")]
-        self.resistances = [one.resist for one in hidden if acts(one, "resist")]
-        self.acts = bool(self.forces or self.torques or self.resistances)
-        self.friction = base.rolling_friction
-        self.factor = 1.0
 
-    def apply(self, marble: Marble) -> None:
-        """Apply them for the next step."""
-        p, client, body = self.p, self.client, self.body
-        (marble.vx, marble.vy, _), marble.spin = p.getBaseVelocity(body, physicsClientId=client)
-        for force in self.forces:
-            x, y = force(marble)
-            marble.pull_x += x
-            marble.pull_y += y
+class _Ball:
+    """The marble in PyBullet: a `Body`."""
+
+    def __init__(self, p: ModuleType, client: int, body: int, base: Base, heavy: Array) -> None:
+        self._p, self._client, self._body = p, client, body
+        self._heavy, self._friction, self._factor = heavy, base.rolling_friction, 1.0
+
+    def step(self, pull: Sequence[float]) -> Sequence[float]:
+        """Go on by a step under gravity (3,) [m/s^2]; return the marble's centre [m]."""
+        p, client = self._p, self._client
+        p.setGravity(*pull, physicsClientId=client)
+        p.stepSimulation(physicsClientId=client)
+        place, turned = p.getBasePositionAndOrientation(self._body, physicsClientId=client)
+        if self._heavy.any():
+            turned = np.reshape(p.getMatrixFromQuaternion(turned), (3, 3))
+            place = np.subtract(place, turned @ self._heavy)
+        found: Sequence[float] = place
+        return found
+
+    def push(self, force: Array, torque: Array, factor: float) -> None:
+        """Push the marble in the next step."""
+        p, client, body = self._p, self._client, self._body
+        if force.any():
             place, _ = p.getBasePositionAndOrientation(body, physicsClientId=client)
-            push = [MASS_KG * x, MASS_KG * y, 0.0]
+            push = (MASS_KG * force).tolist()
             p.applyExternalForce(body, -1, push, place, p.WORLD_FRAME, physicsClientId=client)
-        for torque in self.torques:
-            turn = [MASS_KG * value for value in torque(marble)]
+        if torque.any():
+            turn = (MASS_KG * torque).tolist()
             p.applyExternalTorque(body, -1, turn, p.WORLD_FRAME, physicsClientId=client)
-        factor = math.prod(resistance(marble) for resistance in self.resistances)
-        if factor != self.factor:
-            self.factor = factor
-            rolling = _rolling(self.friction * factor)
+        if factor != self._factor:
+            self._factor = factor
+            rolling = _rolling(self._friction * factor)
             p.changeDynamics(body, -1, rollingFriction=rolling, physicsClientId=client)
+
+    def velocity(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Return velocity [m/s] and spin [rad/s]."""
+        moves, turns = self._p.getBaseVelocity(self._body, physicsClientId=self._client)
+        return moves, turns
+
+    def set_velocity(self, moves: Sequence[float], turns: Sequence[float]) -> None:
+        """Set velocity [m/s] and spin [rad/s]."""
+        self._p.resetBaseVelocity(self._body, moves, turns, physicsClientId=self._client)
 
 
 def _rolling(friction: float) -> float:
@@ -295,3 +337,9 @@ def bounced(hidden: Sequence[Physics]) -> float:
     for one in hidden:
         restitution = one.bounce(restitution)
     return restitution
+
+
+def heavy_side(hidden: Sequence[Physics]) -> Array:
+    """Return the centre of mass at the release (3,) [m], relative to the marble's centre."""
+    found: Array = RADIUS_M * np.sum([(0.0, 0.0, 0.0), *(one.heavy_side() for one in hidden)], axis=0)
+    return found

@@ -7,15 +7,13 @@ an impulse: in MuJoCo it would follow from stiffness and damping.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from .engine import STEP_S, Base, bounced, gravity
-from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array, Marble, Physics, acts
-from .rim import Rim
+from .engine import STEP_S, Base, follow, heavy_side
+from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array, Physics
 
 #: Coulomb friction of the board and of the rim, and friction against spins about the normal [radii].
 _SLIDING, _SPINNING = 0.25, 1e-4
@@ -27,43 +25,16 @@ def roll(base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequenc
     """Return the marble's centre (steps + 1, 2) [m]; arguments as for `engine.roll`."""
     import mujoco  # noqa: PLC0415
 
-    body = _Body(mujoco, base, start_m, hidden)
-    rim = Rim(body, 0, 0, bounced(hidden))
-    forces = [one.force for one in hidden if acts(one, "force")]
-    torques = [one.torque for one in hidden if acts(one, "torque")]
-    resistances = [one.resist for one in hidden if acts(one, "resist")]
-    marble = Marble(*start_m, STEP_S, friction=base.rolling_friction)
-    path = np.empty((len(tilts), 2))
-    path[0] = start_m
-    for step, pull in enumerate(gravity(tilts[1:]).tolist()):
-        if forces or torques or resistances:
-            (marble.vx, marble.vy, _), marble.spin = body.getBaseVelocity(0)
-            marble.time, marble.pull_x, marble.pull_y = step * STEP_S, pull[0], pull[1]
-            push = np.zeros(6)
-            for force in forces:
-                x, y = force(marble)
-                marble.pull_x += x
-                marble.pull_y += y
-                push[:2] += (x, y)
-            for torque in torques:
-                push[3:] += np.divide(torque(marble), RADIUS_M)
-            body.push(push / RADIUS_M, math.prod(resistance(marble) for resistance in resistances))
-        place = body.step(pull)
-        path[step + 1] = place[:2]
-        if rim.acts:
-            rim.apply(place)
-        marble.way += math.hypot(marble.x - place[0], marble.y - place[1])
-        marble.x, marble.y = place[0], place[1]
-    return path
+    return follow(_Body(mujoco, base, start_m, hidden), base, tilts, start_m, hidden)
 
 
 class _Body:
-    """The marble in its model, in SI units; the two methods that `Rim` calls have PyBullet's names."""
+    """The marble in its model: a `Body`."""
 
     def __init__(
         self, mujoco: Any, base: Base, start_m: tuple[float, float], hidden: Sequence[Physics]
     ) -> None:
-        heavy = np.array([(0.0, 0.0, 0.0), *(one.heavy_side() for one in hidden)]).sum(axis=0)
+        heavy = heavy_side(hidden) / RADIUS_M
         self._mujoco = mujoco
         self._model = mujoco.MjModel.from_xml_string(_xml(base.rolling_friction, heavy))
         self._data = mujoco.MjData(self._model)
@@ -77,19 +48,17 @@ class _Body:
         place: list[float] = (RADIUS_M * self._data.qpos[:3]).tolist()
         return place
 
-    def push(self, push: Array, factor: float) -> None:
-        """Set force and torque (6,) at the marble's centre of mass, and a factor on its rolling friction."""
-        self._data.xfrc_applied[1] = push
+    def push(self, force: Array, torque: Array, factor: float) -> None:
+        """Push the marble in the next step."""
+        self._data.xfrc_applied[1, :3] = force / RADIUS_M
+        self._data.xfrc_applied[1, 3:] = torque / RADIUS_M**2
         self._model.geom_friction[0, 2] = self._friction * factor
 
-    def getBaseVelocity(self, _: int, **__: object) -> tuple[list[float], tuple[float, float, float]]:  # noqa: N802
+    def velocity(self) -> tuple[Sequence[float], Sequence[float]]:
         """Return velocity [m/s] and spin [rad/s] in the board's frame."""
-        x, y, z = (self._rotation() @ self._data.qvel[3:]).tolist()
-        return (RADIUS_M * self._data.qvel[:3]).tolist(), (x, y, z)
+        return (RADIUS_M * self._data.qvel[:3]).tolist(), (self._rotation() @ self._data.qvel[3:]).tolist()
 
-    def resetBaseVelocity(  # noqa: N802
-        self, _: int, moves: Sequence[float], turns: Sequence[float], **__: object
-    ) -> None:
+    def set_velocity(self, moves: Sequence[float], turns: Sequence[float]) -> None:
         """Set velocity [m/s] and spin [rad/s] in the board's frame."""
         self._data.qvel[:3] = np.divide(moves, RADIUS_M)
         self._data.qvel[3:] = self._rotation().T @ np.array(turns)

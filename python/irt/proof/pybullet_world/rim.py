@@ -9,7 +9,7 @@ module applies the impulse of the rebound.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 
@@ -21,18 +21,27 @@ LATERAL_FRICTION = 0.5  # two bodies multiply to 0.25
 FREE_M, LEANS_M_PER_S = 2.5e-4, 1e-3
 
 
+class Moving(Protocol):
+    """A marble in an engine, in the board's frame."""
+
+    def velocity(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Return velocity [m/s] and spin [rad/s]."""
+
+    def set_velocity(self, moves: Sequence[float], turns: Sequence[float]) -> None:
+        """Set velocity [m/s] and spin [rad/s]."""
+
+
 class Rim:
     """The rim's restitution, with the friction of its impulse."""
 
-    def __init__(self, p: Any, client: int, body: int, restitution: float) -> None:
-        self.p, self.client, self.body = p, client, body
-        self.restitution = restitution
+    def __init__(self, body: Moving, restitution: float) -> None:
+        self.body, self.restitution = body, restitution
         self.acts = restitution > 0.0
         self.approach = [0.0, 0.0]
 
     def apply(self, place: Sequence[float]) -> None:
         """Rebound a marble at `place` [m] that the last step has stopped at the rim."""
-        moves, turns = self.p.getBaseVelocity(self.body, physicsClientId=self.client)
+        moves, turns = self.body.velocity()
         for axis, edge in enumerate((EDGE_X_M, EDGE_Y_M)):
             side = 1.0 if place[axis] > 0.0 else -1.0
             gap = edge / 2.0 - RADIUS_M - abs(place[axis])
@@ -43,7 +52,7 @@ class Rim:
                 speed = self.restitution * self.approach[axis]
                 self.approach[axis] = 0.0
                 moves, turns = _kicked(np.array(moves), np.array(turns), axis, side, speed)
-                self.p.resetBaseVelocity(self.body, moves, turns, physicsClientId=self.client)
+                self.body.set_velocity(moves, turns)
 
 
 def _kicked(
