@@ -88,7 +88,7 @@ def _write_tuning(folder: Path, rig: Rig, result: FitResult, args: argparse.Name
 
 def _answer(rig: Rig, result: FitResult, found: Diagnosis) -> Iterator[str]:
     """Yield the summary and a table of errors."""
-    from irt.report.plots import mean_absolute
+    from irt.fitting.robust import mean_absolute
     from irt.report.tuning_report import untuned
     from irt.report.words import percent
     from irt.residual import evaluate

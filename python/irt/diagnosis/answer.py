@@ -36,7 +36,7 @@ from irt.diagnosis.result import (
     Share,
     Verdict,
 )
-from irt.diagnosis.score import LASTING, RESTITUTION, SCALE_OF_NORMAL, WHITE, Scored, Scores
+from irt.diagnosis.score import LASTING, SCALE_OF_NORMAL, WHITE, Scored, Scores
 from irt.diagnosis.selection import Posterior, probabilities
 from irt.diagnosis.sessions import Difference, differences, sentences
 from irt.diagnosis.ties import Tie, reason, ties
@@ -183,8 +183,8 @@ class Answer:
 
     @functools.cached_property
     def _rebounds(self) -> float:
-        """Gain in log-likelihood by random rebounds from the rim [nats]."""
-        return Scores.of(self._best).loss_without(self._best, [RESTITUTION])
+        """Gain in log-likelihood by random rebounds and departures from the rim [nats]."""
+        return Scores.of(self._best).rebounds(self._best)
 
     @property
     def _is_pushed(self) -> bool:

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 
 from irt.diagnosis.basis import BOUNDED, ROUND, SHAPES
-from irt.diagnosis.terms import BRAKE, GEARS, GROWTHS, PROFILES, PUSH, TURNS, VECTORS, of_slot
+from irt.diagnosis.terms import AT_RIM, BRAKE, GEARS, GROWTHS, PROFILES, PUSH, TURNS, VECTORS, of_slot
 
 #: Vector components and profiles below this share of the largest are omitted from a formula.
 LITTLE = 1e-2
@@ -32,7 +32,7 @@ _FUNCTIONS = (
 
 
 def formula(values: dict[str, float]) -> str:
-    """Return the learned correction as a formula, pushes in m/s^2, without negligible parts."""
+    """Return the learned correction as a formula in SI units, without negligible parts."""
     values = cleared(values)
     parts, drags, slots = [], [], _profiles(values)
     for slot in slots:
@@ -61,7 +61,18 @@ def formula(values: dict[str, float]) -> str:
     shapes = {round(values[f"shape_{slot}"]) for slot in slots}
     what = ", ridge(s) = -s exp((1 - s^2)/2)" if SHAPES.index("ridge") in shapes else ""
     pushes = [("a = " + " + ".join(parts)).replace("+ -", "- ") + what] if parts else []
-    return "; ".join([*pushes, *_picture(values)])
+    return "; ".join([*pushes, *_at_rim(values), *_picture(values)])
+
+
+def _at_rim(values: dict[str, float]) -> Iterator[str]:
+    """Yield the forces on a marble that touches the rim; zeros are omitted."""
+    hold, brake, drag = (values[name] for name in AT_RIM)
+    slows = [f"{brake:.3g}"] if brake else []
+    slows += [f"{drag:.3g} v"] if drag else []
+    parts = [f"{hold:.3g} against leaving it"] if hold else []
+    parts += [f"-({' + '.join(slows)}) along v"] if slows else []
+    if parts:
+        yield f"at the rim: a = {' and '.join(parts)}"
 
 
 def _picture(values: dict[str, float]) -> Iterator[str]:
@@ -132,6 +143,11 @@ def variables(values: dict[str, float]) -> list[str]:
 def turns(values: Mapping[str, float]) -> bool:
     """Whether the picture turns or grows with the tilt."""
     return any(values[name] != 0.0 for name in (*TURNS, *GROWTHS))
+
+
+def holds_or_brakes(values: Mapping[str, float]) -> bool:
+    """Whether the rim holds or brakes a marble that touches it."""
+    return any(values[name] != 0.0 for name in AT_RIM)
 
 
 def _profile(values: dict[str, float], slot: int) -> str:

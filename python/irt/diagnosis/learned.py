@@ -7,6 +7,7 @@ else, and the procedure repeats on the new residuals. Terms, effects and a rando
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,7 +20,7 @@ from irt.diagnosis.regressors import terms_of_motion, terms_of_residuals
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import PUSH, Scored, Scores
 from irt.diagnosis.selection import Report
-from irt.diagnosis.terms import PICTURE, Term, in_slots, turning_picture
+from irt.diagnosis.terms import Term, forces_at_rim, in_slots, turning_picture
 
 Array = NDArray[np.float64]
 
@@ -39,17 +40,25 @@ class Corrections:
     scores: Scores
     report: Report
     _known: dict[Scored, Scored | None] = field(default_factory=dict)
+    _at_rim: dict[Scored, Scored | None] = field(default_factory=dict)
     _of_one_term: dict[Scored, Scored | None] = field(default_factory=dict)
 
     def of(self, parent: Scored) -> Scored | None:
         """Return a set with a learned correction, or None if no term is worth its price."""
         if parent not in self._known:
-            self._known[parent] = _learned(parent, self.report, self._with_one_term(parent))
+            self._known[parent] = _learned(parent, self._with_one_term(parent), self._another)
         return self._known[parent]
+
+    def at_rim(self, parent: Scored) -> Scored | None:
+        """Return a set with forces at the rim, or None if none is worth its price."""
+        if parent not in self._at_rim:
+            first = self._force_at_rim(parent, parent)
+            self._at_rim[parent] = _learned(parent, first, self._force_at_rim)
+        return self._at_rim[parent]
 
     def _with_one_term(self, parent: Scored) -> Scored | None:
         if parent not in self._of_one_term:
-            self._of_one_term[parent] = _with_another(parent, parent, self.report)
+            self._of_one_term[parent] = self._another(parent, parent)
         return self._of_one_term[parent]
 
     def alone(self) -> Scored | None:
@@ -79,8 +88,38 @@ class Corrections:
             return False
         return Scores.of(found).is_whole(found)
 
+    def _another(self, parent: Scored, now: Scored) -> Scored | None:
+        """Return the most probable set with one more term.
 
-def _learned(parent: Scored, report: Report, first: Scored | None) -> Scored | None:
+        A picture that turns and forces at the rim are always tried. Residuals of predictions are looked at
+        only if neither these nor a term that the observed motion shows gains.
+        """
+        terms = _other(now, [turning_picture(), *forces_at_rim()])
+        found = self._tried(parent, now, terms if parent.effects else [*terms, *terms_of_motion(now, parent)])
+        if not any(one.score > now.score + config.SURE for one in found):
+            found += self._tried(parent, now, terms_of_residuals(now))
+        return _thorough(max(found, key=_finite)) if found else None
+
+    def _force_at_rim(self, parent: Scored, now: Scored) -> Scored | None:
+        found = self._tried(parent, now, _other(now, forces_at_rim()))
+        return _thorough(max(found, key=_finite)) if found else None
+
+    def _tried(self, parent: Scored, now: Scored, terms: Sequence[Term]) -> list[Scored]:
+        """Fit sets with one of the terms more."""
+        for term in terms:
+            self.report(term.title)
+        return [_first(parent, now, (*now.terms, term)) for term in terms]
+
+
+def _other(now: Scored, terms: Sequence[Term]) -> list[Term]:
+    """Return terms of laws that a set lacks."""
+    held = {term.law for term in now.terms}
+    return [one for one in terms if one.law not in held]
+
+
+def _learned(
+    parent: Scored, first: Scored | None, another: Callable[[Scored, Scored], Scored | None]
+) -> Scored | None:
     """Add terms to a set while its score grows; return None if no term is worth its price.
 
     One term without a gain is allowed, because it may gain with the next: on a board with waves in two
@@ -91,10 +130,10 @@ def _learned(parent: Scored, report: Report, first: Scored | None) -> Scored | N
     ----------
     parent : Scored
         The set to add terms to.
-    report : callable
-        Called with the name of the next step.
     first : Scored or None
         The set with the most probable term, if any was found.
+    another : callable
+        Called with the parent and a set; returns the most probable set with one more term.
     """
     best, now, doubted, found = parent, parent, False, first
     while found is not None:
@@ -107,27 +146,8 @@ def _learned(parent: Scored, report: Report, first: Scored | None) -> Scored | N
             break
         else:
             doubted = True
-        found = _with_another(parent, now, report)
+        found = another(parent, now)
     return None if best is parent else _needed(best)
-
-
-def _with_another(parent: Scored, now: Scored, report: Report) -> Scored | None:
-    """Return the most probable set with one more term.
-
-    A picture that turns is always tried. Residuals of predictions are looked at only if neither that nor a
-    term that the observed motion shows gains.
-    """
-
-    def tried(terms: list[Term]) -> list[Scored]:
-        for term in terms:
-            report(term.title)
-        return [_first(parent, now, (*now.terms, term)) for term in terms]
-
-    terms = [] if any(term.law == PICTURE for term in now.terms) else [turning_picture()]
-    found = tried(terms if parent.effects else [*terms, *terms_of_motion(now, parent)])
-    if not any(one.score > now.score + config.SURE for one in found):
-        found += tried(terms_of_residuals(now))
-    return _thorough(max(found, key=_finite)) if found else None
 
 
 def _first(parent: Scored, now: Scored, terms: tuple[Term, ...]) -> Scored:

@@ -27,7 +27,7 @@ from irt.diagnosis.basis import (
 from irt.diagnosis.displacements import Displacements, row_variances
 from irt.diagnosis.free_motion import LONGEST, PULL_OF_SLOPE, Free, free_motion
 from irt.diagnosis.score import Scored, with_less_push
-from irt.diagnosis.terms import BRAKE, GEARS, LAWS, MODE, PICTURE, PROFILES, PUSH, VECTORS, Term
+from irt.diagnosis.terms import AT_RIM, BRAKE, GEARS, LAWS, MODE, PICTURE, PROFILES, PUSH, VECTORS, Term
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
@@ -97,14 +97,16 @@ def _free(one: Scored, longest: int, *, weak: bool) -> Free:
 def _likely(now: Scored, free: Free, parent: Scored, families: int) -> list[Term]:
     """Return the best terms of at most `families` families that still fit into the engine's effect.
 
-    For the observed motion, of which `parent` is the set, the terms learned so far are removed.
+    For the observed motion, of which `parent` is the set, the terms learned so far are removed, except those
+    that act at the rim, which no free motion touches.
     """
     if not len(free[0].time):
         return []
     regressors = Regressors(free, now.noise, parent)
     if parent is not now:
         for term in now.terms:
-            regressors.take(term)
+            if term.law not in AT_RIM:
+                regressors.take(term)
     return regressors.likely(now.terms, families)
 
 

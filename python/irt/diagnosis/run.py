@@ -21,6 +21,7 @@ from irt.diagnosis.score import Scored, Scores
 from irt.diagnosis.selection import Selection
 from irt.files import PathLike
 from irt.fitting.fit import Progress
+from irt.fitting.robust import mean_absolute
 from irt.rig import Rig, as_rig
 
 #: Most steps of a diagnosis, for the progress bar.
@@ -87,17 +88,21 @@ def _learned(relevance: Relevance, corrections: Corrections, kept: Scored, best:
     A correction is learned if the best set needs a random push, correlated noise or delays that jitter, and
     if a share of the error remains. It is learned in addition to the set and in place of it, because effects
     may only have approximated it. A slope map is always challenged by a correction, because it can
-    approximate one.
+    approximate one. If the set needs no random push, but predicts held-out recordings clearly worse than the
+    tracker sees them, only forces at the rim are learned: random rebounds and departures stand for them.
     """
-    scores, baseline = relevance.selection.scores, relevance.selection.baseline
-    left = relevance.validation.of(kept).mae / relevance.validation.of(baseline).mae
+    scores, noise = relevance.selection.scores, kept.dataset.noise
+    error, before = (relevance.validation.of(one).mae for one in (kept, relevance.selection.baseline))
     in_place = [relevance.selection.without(best, MAP)] if MAP in best.effects else []
     is_random = JITTER in best.effects or not scores.is_whole(best)
-    is_enough = not in_place and (not is_random or left < config.WORTH)
-    if is_enough:
+    is_small = error < config.WORTH * before
+    if in_place or (is_random and not is_small):
+        parents = [one for one in dict.fromkeys([best, *in_place]) if one.effects]
+        found = [corrections.alone(), *(corrections.of(one) for one in parents)]
+    elif is_small or error < (1.0 + config.EXCEEDS) * mean_absolute(noise):
         return None
-    parents = [one for one in dict.fromkeys([best, *in_place]) if one.effects]
-    found = [corrections.alone(), *(corrections.of(one) for one in parents)]
+    else:
+        found = [corrections.at_rim(one) for one in dict.fromkeys([scores.base(), best])]
     better = [one for one in found if one is not None and one.score > best.score + config.SURE]
     return max(better, key=lambda one: one.score, default=None)
 

@@ -366,6 +366,10 @@ class Scores:
         """Return the gain in log-likelihood by a random push [nats]."""
         return self.loss_without(one, [PUSH, PULL])
 
+    def rebounds(self, one: Scored) -> float:
+        """Return the gain in log-likelihood by random rebounds and departures from the rim [nats]."""
+        return self.loss_without(one, [RESTITUTION, DEPARTURE])
+
     def is_whole(self, one: Scored) -> bool:
         """Whether random push and correlated noise gain less than an additional effect would have to."""
         needed = math.log(len(hypothetical())) + config.SURE

@@ -2,8 +2,8 @@
 
 It contains profiles (waves, steps, bells, ridges, spots, lines, bowls, saddles) of a push, of a drag or of
 the gears over position, velocity, heading, tilt, time and path length; power laws of the speed, against the
-motion and perpendicular to it; an oscillation mode of the board; and a picture that turns and grows with the
-tilt.
+motion and perpendicular to it; an oscillation mode of the board; a picture that turns and grows with the
+tilt; and forces at the rim.
 """
 
 from __future__ import annotations
@@ -32,8 +32,21 @@ PICTURE = "picture"
 #: Rates of the picture's angle and growth for each radian of the board about x and about y.
 TURNS = ("picture_turn_x", "picture_turn_y")
 GROWTHS = ("picture_growth_x_per_rad", "picture_growth_y_per_rad")
+#: Forces at the rim, each a term of its own, and where fits of them begin: what holds a marble there
+#: [m/s^2], and what brakes it at any speed [m/s^2] and in proportion to it [1/s].
+AT_RIM = {
+    "rim_hold_m_per_s2": (0.02, 0.1),
+    "rim_brake_m_per_s2": (0.01, 0.05),
+    "rim_drag_per_s": (0.5, 4.0),
+}
 #: Size parameters of these terms.
-_SIZES = {"drag_strength": "drag", "side_strength": "side", "mode_gain": MODE, TURNS[0]: PICTURE}
+_SIZES = {
+    "drag_strength": "drag",
+    "side_strength": "side",
+    "mode_gain": MODE,
+    TURNS[0]: PICTURE,
+    **{name: name for name in AT_RIM},
+}
 #: Amplitudes of a profile: push and drag.
 PUSH = ("push_1_x_m_per_s2", "push_1_y_m_per_s2")
 BRAKE = "brake_1_m_per_s2"
@@ -67,7 +80,7 @@ class Term:
 
     @property
     def law(self) -> str | None:
-        """Name of a law other than a profile: "drag", "side", "mode" or "picture"; None for a profile."""
+        """Name of a law other than a profile, as in `LAWS` or `AT_RIM`, `MODE` or `PICTURE`; else None."""
         return next((name for size, name in _SIZES.items() if size in self.values), None)
 
     @property
@@ -82,7 +95,9 @@ class Term:
 
     @property
     def depends_on(self) -> tuple[str, ...]:
-        """The variables that the push depends on; those of a drag include the velocity."""
+        """The variables that the push depends on; those of a drag include the velocity, the rim has none."""
+        if self.law in AT_RIM:
+            return ()
         also = {"brake": ("velocity",), "gear": ("command",)}
         return tuple(dict.fromkeys((self.variable, *also.get(self._changes, ()))))
 
@@ -95,6 +110,8 @@ class Term:
     @property
     def title(self) -> str:
         """The term in words."""
+        if self.law in AT_RIM:
+            return "a force at the rim"
         return f"a {'picture' if self.law == PICTURE else 'push'} that depends on {self.variable}"
 
     @property
@@ -121,6 +138,14 @@ def turning_picture() -> Term:
     """
     values = dict.fromkeys((*TURNS, *GROWTHS), 0.01)
     return Term("command", values, tuple(values), 0.0, 0.0)
+
+
+def forces_at_rim() -> list[Term]:
+    """Return forces at the rim at small and at large sizes.
+
+    They act from an impact to the departure after it, so that no regression on free motion finds them.
+    """
+    return [Term("rim", {name: size}, (name,), 0.0, 0.0) for name, sizes in AT_RIM.items() for size in sizes]
 
 
 def of_slot(name: str, slot: int) -> str:

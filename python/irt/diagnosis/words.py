@@ -10,17 +10,16 @@ import numpy as np
 
 from irt.catalogue import effect
 from irt.diagnosis.dataset import Dataset, Fitted
-from irt.diagnosis.formula import formula, turns, variables
+from irt.diagnosis.formula import formula, holds_or_brakes, turns, variables
 from irt.diagnosis.result import UNLISTED, NamedEffect
 from irt.display import in_rows, listed, two_digits
 from irt.files import as_typed
+from irt.fitting.robust import mean_absolute
 from irt.model import Parameter
 
 #: Origin of errors that are clearly more than noise.
 Rest = Literal["", "push", "rim"]
 
-#: Mean absolute value of a normal variable over its standard deviation.
-_MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
 #: Sentences added if effects are named and errors remain that are clearly more than noise, by their origin.
 _MORE = {
     "": "",
@@ -72,7 +71,7 @@ def summary(
     row_s : float, optional
         Duration of a row in the simulation [s] if recordings have no stamps; times are then given in rows.
     """
-    floor = _percent(_MEAN_ABSOLUTE * noise)
+    floor = _percent(mean_absolute(noise))
     if not effects:
         error = (
             f"{'held-out error' if heldout else 'error of the fit'} {_percent(before)} of the board's edge"
@@ -183,6 +182,7 @@ def _shown(one: NamedEffect, row_s: float | None) -> str:
         learned = {name: value.value for name, value in one.parameters.items()}
         depends = " and ".join(variables(learned))
         parts = [f"a push that is not in the catalogue and that depends on {depends}"] if depends else []
+        parts += ["forces at the rim that are not in the catalogue"] if holds_or_brakes(learned) else []
         parts += ["a picture that turns or grows with the tilt"] if turns(learned) else []
         return " and ".join(parts)
     sizes = [(name, parameter.value, one.units.get(name, "")) for name, parameter in one.parameters.items()]

@@ -7,12 +7,17 @@ from numpy.typing import NDArray
 
 from irt.cleaning import deviation
 
-__all__ = ["OF_NORMAL", "TAIL", "deviation", "student_t"]
+__all__ = ["OF_NORMAL", "TAIL", "deviation", "mean_absolute", "student_t"]
 
 Array = NDArray[np.float64]
 
 #: Degrees of freedom of Student's t.
 TAIL = 4.0
+
+
+def mean_absolute(noise: float) -> float:
+    """Return the mean absolute value of Gaussian noise of this standard deviation."""
+    return float(noise * np.sqrt(2.0 / np.pi))
 
 
 def student_t(values: Array) -> Array:

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from irt.diagnosis.result import Candidate, Diagnosis, NeededPush, RunProof
 from irt.files import PathLike
+from irt.fitting.robust import mean_absolute
 from irt.model import Model
 from irt.pictures import make_logarithmic
 from irt.report import style
-from irt.report.plots import FLOOR, PERCENT, TICKS, draw_rim, mean_absolute, rim_of
+from irt.report.plots import FLOOR, PERCENT, TICKS, draw_rim, rim_of
 from irt.report.words import together
 
 Array = NDArray[np.float64]

@@ -18,6 +18,7 @@ from irt.display import listed
 from irt.engine import SUBSTEP_S
 from irt.files import PathLike, make_folder
 from irt.fitting.problem import in_unit_of
+from irt.fitting.robust import mean_absolute
 from irt.model import Model, Parameter
 from irt.report import diagnosis_tables as tables
 from irt.report.animation import PLAYER, Animation
@@ -38,7 +39,7 @@ from irt.report.error_budget import bars, remainder, squares_explained
 from irt.report.learned import terms_table
 from irt.report.learned_plots import learned_pictures
 from irt.report.page import Picture, write_page
-from irt.report.plots import PERCENT, mean_absolute
+from irt.report.plots import PERCENT
 from irt.report.words import (
     counted,
     explained,

@@ -8,9 +8,9 @@ from irt.catalogue import EffectInfo, EffectParameter, effect
 from irt.diagnosis.result import UNLISTED, Diagnosis, NamedEffect
 from irt.diagnosis.words import slopes
 from irt.fitting.problem import in_unit_of
+from irt.fitting.robust import mean_absolute
 from irt.model import Effect, Model, Parameter
 from irt.report.page import Table
-from irt.report.plots import mean_absolute
 from irt.report.words import (
     UNITS,
     change,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from irt.diagnosis.basis import ROUND, SHAPES, shaped
 from irt.diagnosis.formula import cleared
 from irt.diagnosis.result import NamedEffect
-from irt.diagnosis.terms import GROWTHS, PROFILES, TURNS, VECTORS, of_slot
+from irt.diagnosis.terms import AT_RIM, GROWTHS, PROFILES, TURNS, VECTORS, of_slot
 from irt.model import Parameter
 from irt.report.page import Table
 from irt.report.words import in_rows, quantity, scaled, with_interval
@@ -40,6 +40,14 @@ REFERENCE_SPEED = 0.1
 _MODE = "mode of the board"
 #: Rates of the picture: the quantity, its unit per mrad of tilt, and units per SI unit.
 _PICTURE = (("angle", TURNS, "°/mrad", 0.18 / np.pi), ("growth", GROWTHS, "%/mrad", 0.1))
+#: Forces at the rim: what they do, unit, units per SI unit, power of the second in the unit.
+_AT_RIM = dict(
+    zip(
+        AT_RIM,
+        (("holds back", "mm/s²", 1e3, -2), ("brakes by", "mm/s²", 1e3, -2), ("drag", "1/s", 1.0, -1)),
+        strict=True,
+    )
+)
 #: Shapes with a width; lines, bowls and saddles have none.
 _OF_A_WIDTH = ("step", "bell", "ridge", "spot")
 
@@ -189,6 +197,9 @@ def _rows(one: NamedEffect, row_s: float | None) -> Iterator[list[str]]:
             _, period, unit = in_rows("period_s", period, unit, row_s)
         amplitude = f"gain {with_interval(gain)}, damping {with_interval(damping)}"
         yield [_MODE, "tilt", quantity(period.value, unit), "-", amplitude]
+    forces = list(_forces_at_rim(one.parameters, row_s))
+    if forces:
+        yield ["rim", "contact with the rim", "-", "-", ", ".join(forces)]
     values = cleared({name: parameter.value for name, parameter in one.parameters.items()})
     for what, names, unit, factor in _PICTURE:
         rates = [
@@ -198,6 +209,18 @@ def _rows(one: NamedEffect, row_s: float | None) -> Iterator[list[str]]:
         ]
         if rates:
             yield ["picture", "tilt", "-", "-", f"{what} {', '.join(rates)}"]
+
+
+def _forces_at_rim(parameters: Mapping[str, Parameter], row_s: float | None) -> Iterator[str]:
+    """Yield what the rim does to a marble that touches it; in rows without interval."""
+    for name, (what, unit, factor, power) in _AT_RIM.items():
+        value = parameters[name]
+        if not value.value:
+            continue
+        if row_s is None:
+            yield f"{what} {with_interval(scaled(factor, value))} {unit}"
+        else:
+            yield f"{what} {factor * row_s**-power * value.value:.3g} {unit.replace('/s', '/row')}"
 
 
 def _amplitude(part: str, value: Parameter, row_s: float | None) -> str:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irt.files import PathLike
 from irt.fitting.fit import FitResult
+from irt.fitting.robust import mean_absolute
 from irt.maze import Maze
 from irt.model import Model
 from irt.pictures import make_logarithmic
@@ -357,11 +358,6 @@ def plot_likelihood(path: PathLike, losses: ArrayLike) -> None:
         axes.set_xlabel("pool")
         axes.set_ylabel("negative log-likelihood  [nats]")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-
-
-def mean_absolute(noise: float) -> float:
-    """Return the mean absolute value of Gaussian noise of this standard deviation."""
-    return float(noise * np.sqrt(2 / np.pi))
 
 
 def _weight(won: bool) -> dict[str, Any]:

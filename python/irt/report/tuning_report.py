@@ -16,13 +16,13 @@ from irt.errors import IrtError
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import FitResult
 from irt.fitting.problem import in_unit_of, tracker_noise
+from irt.fitting.robust import mean_absolute
 from irt.methods import TITLES
 from irt.model import Model
 from irt.report import style
 from irt.report.page import Picture, Table, write_page
 from irt.report.plots import (
     Prediction,
-    mean_absolute,
     plot_fit,
     plot_history,
     plot_parameters,

@@ -7,6 +7,7 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Polygon, Rectangle
 from matplotlib.text import Text
 
+from irt.fitting.robust import mean_absolute
 from irt.model import Model
 from irt.recording import Recording
 from irt.report import plots, style
@@ -192,4 +193,4 @@ def test_evaluation_shows_errors_and_breaks_between_windows(tmp_path, recording,
 
 def test_mean_absolute_of_noise():
     draws = np.random.default_rng(0).normal(0.0, 0.3, 100_000)
-    assert plots.mean_absolute(0.3) == pytest.approx(np.abs(draws).mean(), rel=0.01)
+    assert mean_absolute(0.3) == pytest.approx(np.abs(draws).mean(), rel=0.01)

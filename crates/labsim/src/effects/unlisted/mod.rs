@@ -1,15 +1,17 @@
 //! Physics outside the catalogue: profiles over board, velocity, tilt and time, powers of the speed, a vibration mode,
-//! and a picture that turns with the tilt.
+//! a picture that turns with the tilt, and forces at the rim.
 
 mod mode;
 mod picture;
 mod profile;
+mod rim;
 
 use pulp::Simd;
 
 use self::mode::Mode;
 use self::picture::Picture;
 use self::profile::{Profile, SADDLE};
+use self::rim::Rim;
 use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
 use crate::lanes::Lanes;
@@ -76,6 +78,16 @@ const fn gear(name: &'static str, means: &'static str) -> Parameter {
 
 const fn picture(name: &'static str, unit: &'static str, means: &'static str) -> Parameter {
     parameter(name, unit, (-50.0, 50.0), 1e3, 2, means)
+}
+
+const fn at_rim(
+    name: &'static str,
+    unit: &'static str,
+    most: f64,
+    time_power: i8,
+    means: &'static str,
+) -> Parameter {
+    parameter(name, unit, (-most, most), 1e3, time_power, means)
 }
 
 const fn power(name: &'static str, means: &'static str) -> Parameter {
@@ -168,6 +180,9 @@ macro_rules! parameters {
             picture("picture_turn_y", "", "the same for each radian about y"),
             picture("picture_growth_x_per_rad", "1/rad", "growth of the picture for each radian of the board about x"),
             picture("picture_growth_y_per_rad", "1/rad", "the same for each radian about y"),
+            at_rim("rim_hold_m_per_s2", "m/s²", 1.0, -2, "acceleration away from the rim that it holds back while the marble touches it; as all at the rim, none if negative"),
+            at_rim("rim_brake_m_per_s2", "m/s²", 1.0, -2, "deceleration of a marble that touches the rim"),
+            at_rim("rim_drag_per_s", "1/s", 30.0, -1, "the same for each m/s"),
         ]
     };
 }
@@ -180,18 +195,19 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     shrunk: false,
     equation: "acceleration = Σ push f(s) - (drag + Σ brake f(s)) (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g (gain (mode - angles) + Σ gear f(s) angles), \
                s = wave · place + swift · velocity + heading · v̂ + tilt · angles + rate t + way ℓ + phase, d²mode/dt² = rate² (angles - mode) - 2 damping rate d mode/dt, \
-               seen = (1 + growth · angles) R(turn · angles) seen",
+               seen = (1 + growth · angles) R(turn · angles) seen; at the rim: a push away less hold, and - (brake + drag v) v̂",
     parameters: parameters!["1" "first", "2" "second", "3" "third", "4" "fourth", "5" "fifth"],
     does: "A stand-in for physics that no effect of the catalogue explains, as far as recordings show it. It has up to five \
            profiles (a wave, step, bell, ridge, round spot, line, bowl or saddle) of push, of drag and of the gears. A profile \
            depends on the place, the marble's velocity and direction, the board's tilt, and the time and path length ℓ since \
            row 0. It also has a drag and a side push with any power of the speed, and a vibration mode of the board on its \
-           knobs, and the picture may turn about its centre and grow with the tilt. Accelerations are those of the rolling marble as observed, not 7/5 of them. The powers are constant above 1 \
+           knobs, and the picture may turn about its centre and grow with the tilt. A marble that touches the rim may be held there, and \
+            braked. Accelerations are those of the rolling marble as observed, not 7/5 of them. The powers are constant above 1 \
            m/s; lines, bowls and saddles are constant beyond 1000 radians. A drag with the power 0 holds a resting marble as \
            friction does.",
     matters: "Where a diagnosis has learned it. It is no hypothesis of its own, because it can imitate many effects.",
     looks: "Residuals that no effect of the catalogue explains: pushes that depend on place, velocity, tilt, time, path length \
-            or the history of the board's angles, and pictures that turn or grow with the tilt.",
+            or the history of the board's angles, pictures that turn or grow with the tilt, and late departures from the rim.",
     references: &[
         "Ljung: System Identification, 2nd ed., ch. 5 (models of nonlinear systems)",
         "Brunton, Proctor, Kutz: Discovering governing equations from data by sparse identification of nonlinear dynamical \
@@ -225,6 +241,7 @@ pub(crate) struct Unlisted<S: Simd> {
     side: Option<Law<S>>,
     mode: Option<Mode<S>>,
     picture: Option<Picture<S>>,
+    rim: Option<Rim<S>>,
     /// Start of the present substep after row 0, and its length (s).
     time: Lanes<S>,
     length: Lanes<S>,
@@ -235,7 +252,7 @@ pub(crate) struct Unlisted<S: Simd> {
 }
 
 impl<S: Simd> Effect<S> for Unlisted<S> {
-    fn new(simd: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+    fn new(simd: S, rig: &Rig, values: &[Lanes<S>]) -> Self {
         let zero = Lanes::splat(simd, 0.0);
         let (profiles, rest) = values.split_at(PROFILES * OF_PROFILE);
         let any = |one: Lanes<S>| one.ne(zero).any();
@@ -256,6 +273,10 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
                 .iter()
                 .any(|&one| any(one))
                 .then(|| Picture::new([rest[7], rest[8]], [rest[9], rest[10]])),
+            rim: rest[11..14]
+                .iter()
+                .any(|&one| any(one))
+                .then(|| Rim::new(rig, [rest[11], rest[12], rest[13]])),
             time: zero,
             length: zero,
             tilt: None,
@@ -334,6 +355,9 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
         }
         push.x = push.x + x;
         push.y = push.y + y;
+        if let Some(rim) = &self.rim {
+            rim.act(marbles, push);
+        }
     }
 
     #[inline(always)]
