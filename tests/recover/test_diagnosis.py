@@ -10,6 +10,7 @@ import irt
 from irt.diagnosis import config
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.score import Scores
+from irt.diagnosis.terms import AT_RIM
 from irt.dimensions import Commands
 from irt.recording import CMD, Recording
 from irt.rig import RANGES, Board, Marble, Rig
@@ -121,6 +122,20 @@ def test_where_nothing_is_hidden_nothing_is_named():
     seen = [one for one in found.power if one.least is not None]
     assert seen
     assert all(0.0 < one.least <= one.largest for one in seen)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "force", [{"rim_hold_m_per_s2": 0.1}, {"rim_brake_m_per_s2": 0.06}, {"rim_drag_per_s": 4.0}]
+)
+def test_forces_at_the_rim_are_learned(force):
+    """A rim that is sticky, rough or of felt has no name; late departures and rebounds show it."""
+    found = irt.diagnose(hidden({"name": "unlisted", **force}, runs=6, size=4.0))
+    assert [one.name for one in found.effects] == ["unlisted"]
+    assert "forces at the rim that are not in the catalogue" in found.summary
+    values = found.effects[0].parameters
+    assert [name for name in AT_RIM if values[name].value > 0.0] == list(force)
+    assert found.final_heldout_mae < 0.8 * found.base_heldout_mae
 
 
 @pytest.mark.slow

@@ -18,9 +18,9 @@ from irt.diagnosis import config
 from irt.diagnosis.maxima import distinct
 from irt.diagnosis.regressors import terms_of_motion, terms_of_residuals
 from irt.diagnosis.result import UNLISTED
-from irt.diagnosis.score import PUSH, Scored, Scores
+from irt.diagnosis.score import DEPARTURE, PUSH, RESTITUTION, Scored, Scores
 from irt.diagnosis.selection import Report
-from irt.diagnosis.terms import Term, forces_at_rim, in_slots, turning_picture
+from irt.diagnosis.terms import AT_RIM, Term, forces_at_rim, in_slots, turning_picture
 
 Array = NDArray[np.float64]
 
@@ -171,6 +171,9 @@ def _fitted(
     point = np.array([begun.get(name, 0.0) for name in problem.names])
     noises = np.tile(now.noise, (len(config.PUSHES), 1))
     noises[1:, PUSH] = config.PUSHES[:-1]
+    if any(term.law in AT_RIM for term in terms):
+        # Random rebounds and departures stand for forces at the rim as a push does for others.
+        noises[1:, [RESTITUTION, DEPARTURE]] = config.LITTLE[2], config.DEPARTURE
     points = np.tile(point, (len(noises), 1))
     return max(scores.ascend(effects, points, noises, now.top.states, iterations=config.FIRST), key=_finite)
 

@@ -3,7 +3,7 @@
 import pytest
 
 from irt.catalogue import effect
-from irt.diagnosis.formula import formula, turns, variables
+from irt.diagnosis.formula import formula, holds_or_brakes, turns, variables
 from irt.diagnosis.result import UNLISTED
 
 
@@ -72,6 +72,15 @@ def neutral(**changes):
 def test_a_formula_says_what_was_learned(changes, text, depends):
     assert formula(neutral(**changes)) == f"a = {text}"
     assert variables(neutral(**changes)) == depends
+
+
+def test_forces_at_the_rim_are_no_push():
+    rim = neutral(rim_hold_m_per_s2=0.2, rim_brake_m_per_s2=0.05, rim_drag_per_s=3.0)
+    assert holds_or_brakes(rim)
+    assert not holds_or_brakes(neutral(mode_gain=1.0))
+    assert variables(rim) == []
+    assert formula(rim) == "at the rim: a = 0.2 against leaving it and -(0.05 + 3 v) along v"
+    assert formula(neutral(rim_drag_per_s=3.0)) == "at the rim: a = -(3 v) along v"
 
 
 def test_a_picture_that_turns_is_no_push():

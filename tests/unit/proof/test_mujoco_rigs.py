@@ -11,7 +11,7 @@ import pytest
 
 from irt.proof.pybullet_world.__main__ import THIRDS, serve
 from irt.proof.pybullet_world.effects import EFFECTS
-from irt.proof.pybullet_world.engine import Base, play
+from irt.proof.pybullet_world.engine import Base, Roll, play
 from irt.proof.pybullet_world.in_mujoco import roll
 from irt.proof.pybullet_world.out_of_catalogue import BEYOND
 from irt.proof.pybullet_world.physics import EDGE_X_M, RADIUS_M, Physics
@@ -68,6 +68,30 @@ def test_a_rim_returns_the_part_of_the_speed_that_it_should(increase: float) -> 
     back = reach - path[hit + 1 : hit + 12].min()
     # A marble that is thrown back with half its speed comes back a quarter of the way.
     assert (back > 4e-3) == bool(increase)
+
+
+@pytest.mark.parametrize("engine", [None, roll], ids=["pybullet", "mujoco"])
+def test_a_sticky_rim_holds_what_leans_on_it_up_to_its_hold(engine: Roll | None) -> None:
+    press, rest = np.tile([0.0, 0.05], (30, 1)), np.tile([0.0, -0.03], (25, 1))
+    # 0.06 x 0.03 rad of tilt pull by 0.018 m/s^2 away from the rim.
+    reach, ends = EDGE_X_M / 2.0 - RADIUS_M, []
+    for hold in (0.0, 0.01, 0.03):
+        hidden = physics_of([{"name": "sticky_rim", "hold_m_per_s2": hold}]) if hold else ()
+        path = play(BASE, np.vstack([press, rest]), (0.1, 0.0), hidden, rolled=engine).seen[:, 0]
+        ends.append(reach - path[-1] * EDGE_X_M / BASE.observation_scale)
+    # What it holds back is missing until the marble has left the rim.
+    assert ends[0] > 1.4 * ends[1] > 2e-3
+    assert ends[2] < 5e-4
+
+
+@pytest.mark.parametrize("engine", [None, roll], ids=["pybullet", "mujoco"])
+def test_a_rim_of_felt_drags_on_what_rolls_along_it(engine: Roll | None) -> None:
+    commands = np.tile([-0.03, 0.05], (45, 1))
+    ways = []
+    for hidden in ((), physics_of([{"name": "felt_rim", "rate_per_s": 7.0}])):
+        path = play(BASE, commands, (0.12, -0.05), hidden, rolled=engine).seen[:, 1]
+        ways.append(path[25] - path[15])
+    assert ways[1] < 0.8 * ways[0]
 
 
 @pytest.mark.slow

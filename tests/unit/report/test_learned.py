@@ -87,6 +87,15 @@ def test_a_picture_is_described_by_its_rates():
     ]
 
 
+def test_forces_at_the_rim_are_described():
+    one = correction(rim_hold_m_per_s2=(0.2, 0.1, 0.3), rim_drag_per_s=3.0)
+    (line,) = described(one, None)
+    assert line == "rim over contact with the rim: holds back 200 (100 to 300) mm/s², drag 3 1/s"
+    assert list(described(one, 0.1)) == [
+        "rim over contact with the rim: holds back 2 mm/row², drag 0.3 1/row"
+    ]
+
+
 def test_without_stamps_nothing_is_in_seconds():
     one = correction(push_1_x_m_per_s2=(0.02, 0.01, 0.05), rate_1_per_s=2.0, drag_strength=0.3, mode_gain=0.5)
     lines = "\n".join(described(one, 0.1))

@@ -10,7 +10,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from .physics import EDGE_X_M, GRAVITY, Array, Marble, Physics, between, either
+from .physics import EDGE_X_M, EDGE_Y_M, GRAVITY, RADIUS_M, Array, Marble, Physics, between, either
+
+#: Distance from the rim at which a marble leans on it [m]; contacts yield.
+LEANS_M = 3e-4
 
 
 @dataclass(frozen=True)
@@ -309,6 +312,49 @@ class MagneticLine(Physics):
         return push * cos, push * sin
 
 
+@dataclass(frozen=True)
+class StickyRim(Physics):
+    """A rim that holds a marble which leans on it against a pull away from it [m/s^2]."""
+
+    name: ClassVar[str] = "sticky_rim"
+    hold_m_per_s2: float
+
+    @classmethod
+    def draw(cls, random: np.random.Generator, strength: float) -> Self:
+        return cls(between(0.03, 0.5, strength))
+
+    def force(self, marble: Marble) -> tuple[float, float]:
+        pulls = zip(_leaning(marble), (marble.pull_x, marble.pull_y), strict=True)
+        x, y = (side * max(0.0, min(self.hold_m_per_s2, -side * pull)) for side, pull in pulls)
+        return x, y
+
+
+@dataclass(frozen=True)
+class FeltRim(Physics):
+    """A rim of felt, which drags on a marble that rolls along it."""
+
+    name: ClassVar[str] = "felt_rim"
+    rate_per_s: float
+
+    @classmethod
+    def draw(cls, random: np.random.Generator, strength: float) -> Self:
+        return cls(between(1.0, 30.0, strength))
+
+    def force(self, marble: Marble) -> tuple[float, float]:
+        along_y, along_x = _leaning(marble)
+        rate = self.rate_per_s
+        return -rate * marble.vx * abs(along_x), -rate * marble.vy * abs(along_y)
+
+
+def _leaning(marble: Marble) -> tuple[float, float]:
+    """Return the sides of the rim along x and along y on which a marble leans: -1, 1, or 0 for none."""
+    places = (marble.x, EDGE_X_M), (marble.y, EDGE_Y_M)
+    x, y = (
+        math.copysign(float(0.5 * edge - RADIUS_M - abs(place) < LEANS_M), place) for place, edge in places
+    )
+    return x, y
+
+
 BEYOND: tuple[type[Physics], ...] = (
     Washboard,
     Draught,
@@ -324,4 +370,6 @@ BEYOND: tuple[type[Physics], ...] = (
     Nap,
     Yaw,
     MagneticLine,
+    StickyRim,
+    FeltRim,
 )
