@@ -132,7 +132,8 @@ def test_forces_at_the_rim_are_learned(force):
     """A rim that is sticky, rough or of felt has no name; late departures and rebounds show it."""
     found = irt.diagnose(hidden({"name": "unlisted", **force}, runs=6, size=4.0))
     assert [one.name for one in found.effects] == ["unlisted"]
-    assert "forces at the rim that are not in the catalogue" in found.summary
+    assert "a force at the rim that is not in the catalogue" in found.summary
+    assert found.effects[0].stage == "contact"
     values = found.effects[0].parameters
     assert [name for name in AT_RIM if values[name].value > 0.0] == list(force)
     assert found.final_heldout_mae < 0.8 * found.base_heldout_mae

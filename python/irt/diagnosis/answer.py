@@ -39,6 +39,7 @@ from irt.diagnosis.result import (
 from irt.diagnosis.score import LASTING, SCALE_OF_NORMAL, WHITE, Scored, Scores
 from irt.diagnosis.selection import Posterior, probabilities
 from irt.diagnosis.sessions import Difference, differences, sentences
+from irt.diagnosis.terms import AT_RIM
 from irt.diagnosis.ties import Tie, reason, ties
 from irt.diagnosis.time_symmetry import at_one_time_scale
 from irt.diagnosis.validation import HeldOut
@@ -197,6 +198,11 @@ class Answer:
         return self._best.is_exact or max(self._push, self._rebounds) < config.SURE
 
     @property
+    def _is_of_the_rim(self) -> bool:
+        """Whether a learned correction acts at the rim only."""
+        return all(term.law in AT_RIM for term in self._best.terms)
+
+    @property
     def _rest(self) -> words.Rest:
         """Origin of errors that are clearly more than noise."""
         if self._is_whole:
@@ -270,7 +276,7 @@ class Answer:
         chance = 1.0 if name == UNLISTED else self._posterior.any_of(alike)
         return NamedEffect(
             name=name,
-            stage=info.stage,
+            stage="contact" if name == UNLISTED and self._is_of_the_rim else info.stage,
             parameters=found,
             units={"sd_s": "s", "mean_s": "s"} if name == JITTER else info.units,
             heldout_mae_without=self._without(name).mae if self._proof.is_proof else float("nan"),

@@ -182,7 +182,7 @@ def _shown(one: NamedEffect, row_s: float | None) -> str:
         learned = {name: value.value for name, value in one.parameters.items()}
         depends = " and ".join(variables(learned))
         parts = [f"a push that is not in the catalogue and that depends on {depends}"] if depends else []
-        parts += ["forces at the rim that are not in the catalogue"] if holds_or_brakes(learned) else []
+        parts += ["a force at the rim that is not in the catalogue"] if holds_or_brakes(learned) else []
         parts += ["a picture that turns or grows with the tilt"] if turns(learned) else []
         return " and ".join(parts)
     sizes = [(name, parameter.value, one.units.get(name, "")) for name, parameter in one.parameters.items()]

@@ -3,6 +3,7 @@
 mod actuation;
 mod board;
 mod contact;
+mod rim;
 mod sensing;
 mod timing;
 mod unlisted;

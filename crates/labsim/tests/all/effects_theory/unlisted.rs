@@ -1,8 +1,8 @@
-//! Profiles of push, drag and gears, powers of the speed, the mode, and forces at the rim.
+//! Profiles of push, drag and gears, powers of the speed, and the mode.
 
+use labsim::Engine;
 use labsim::board::GRAVITY;
 use labsim::effects::effect;
-use labsim::{Engine, Rig};
 use proptest::prelude::*;
 
 use super::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, assert_close, assert_speeds, integral};
@@ -18,13 +18,8 @@ fn values(named: &[(&str, f64)]) -> Vec<f64> {
         .collect()
 }
 
-fn unlisted(trial: Trial, named: &[(&str, f64)]) -> Trial {
+pub(super) fn unlisted(trial: Trial, named: &[(&str, f64)]) -> Trial {
     trial.with("unlisted", &values(named))
-}
-
-/// Farthest place of a marble's centre along x and along y (m).
-fn reach() -> [f64; 2] {
-    Rig::default().reach_m()
 }
 
 fn along_x(path: &[[f64; 2]]) -> Vec<f64> {
@@ -328,47 +323,6 @@ proptest! {
             let within = if engine == Engine::Rolling { 1e-12 } else { 1e-5 };
             assert_close(seen[0], size * (place[0] * cos - place[1] * sin), within, "along x");
             assert_close(seen[1], size * (place[0] * sin + place[1] * cos), within, "along y");
-        }
-    }
-
-    #[test]
-    fn a_rim_brakes_a_marble_that_rolls_along_it(brake in 0.0..0.03_f64, drag in 0.5..6.0_f64, far: bool) {
-        let (speed, side) = (0.08, if far { 1.0 } else { -1.0 });
-        let named = [("rim_brake_m_per_s2", brake), ("rim_drag_per_s", drag)];
-        let rows = 8;
-        let ends = f64::ln(1.0 + speed * drag / brake) / drag;
-        let way = |t: f64| {
-            let t = t.min(ends);
-            (speed + brake / drag) * (1.0 - f64::exp(-drag * t)) / drag - brake / drag * t
-        };
-        for (engine, _) in ENGINES {
-            let along_x = Trial { start: [-0.06, side * reach()[1]], velocity: [speed, 0.0], ..Trial::level(rows) };
-            let path = unlisted(along_x, &named).run(engine);
-            for (row, place) in path.iter().enumerate() {
-                assert_close(place[0] + 0.06, way(ROW * row as f64), 4e-4, &format!("row {row} in {engine:?}"));
-            }
-            // Away from the rim nothing of it acts.
-            let inside = Trial { start: [-0.06, 0.05], velocity: [speed, 0.0], ..Trial::level(rows) };
-            prop_assert_eq!(unlisted(inside.clone(), &named).run(engine), inside.run(engine));
-        }
-    }
-
-    #[test]
-    fn a_rim_holds_back_a_marble_as_far_as_it_can(hold in 0.02..0.3_f64, less in 0.1..0.9_f64, far: bool) {
-        let side = if far { 1.0 } else { -1.0 };
-        let at = |pull: f64| vec![[0.0, -side * pull / (5.0 / 7.0 * GRAVITY)]; 5];
-        for (engine, _) in ENGINES {
-            let trial = |pull: f64| {
-                let pulled = Trial { start: [side * reach()[0], 0.0], ..Trial::of(at(pull)) };
-                unlisted(pulled, &[("rim_hold_m_per_s2", hold)]).run(engine)
-            };
-            let path = trial(less * hold);
-            assert_close(path[4][0], side * reach()[0], 2e-5, &format!("it is held in {engine:?}"));
-            // A stronger pull is less what holds, over the fifth of a millimetre in which the marble touches.
-            let path = trial((1.0 + less) * hold);
-            let way = side * (reach()[0] * side - path[4][0]);
-            let free = 0.5 * (1.0 + less) * hold * (4.0 * ROW).powi(2);
-            prop_assert!(way > 0.5 * less / (1.0 + less) * free - 1e-4 && way < free, "{way} of {free} in {engine:?}");
         }
     }
 
