@@ -65,8 +65,8 @@ def formula(values: dict[str, float]) -> str:
 
 
 def _at_rim(values: dict[str, float]) -> Iterator[str]:
-    """Yield the forces on a marble that touches the rim; zeros are omitted."""
-    hold, brake, drag = (values[name] for name in AT_RIM)
+    """Yield the forces on a marble that touches the rim; a negative one is none."""
+    hold, brake, drag = (max(0.0, values[name]) for name in AT_RIM)
     slows = [f"{brake:.3g}"] if brake else []
     slows += [f"{drag:.3g} v"] if drag else []
     parts = [f"{hold:.3g} against leaving it"] if hold else []
@@ -147,7 +147,7 @@ def turns(values: Mapping[str, float]) -> bool:
 
 def holds_or_brakes(values: Mapping[str, float]) -> bool:
     """Whether the rim holds or brakes a marble that touches it."""
-    return any(values[name] != 0.0 for name in AT_RIM)
+    return any(values[name] > 0.0 for name in AT_RIM)
 
 
 def _profile(values: dict[str, float], slot: int) -> str:

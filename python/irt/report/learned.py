@@ -212,10 +212,10 @@ def _rows(one: NamedEffect, row_s: float | None) -> Iterator[list[str]]:
 
 
 def _forces_at_rim(parameters: Mapping[str, Parameter], row_s: float | None) -> Iterator[str]:
-    """Yield what the rim does to a marble that touches it; in rows without interval."""
+    """Yield what the rim does to a marble that touches it, nothing if negative; in rows without interval."""
     for name, (what, unit, factor, power) in _AT_RIM.items():
         value = parameters[name]
-        if not value.value:
+        if value.value <= 0.0:
             continue
         if row_s is None:
             yield f"{what} {with_interval(scaled(factor, value))} {unit}"

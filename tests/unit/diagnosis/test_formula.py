@@ -80,7 +80,8 @@ def test_forces_at_the_rim_are_no_push():
     assert not holds_or_brakes(neutral(mode_gain=1.0))
     assert variables(rim) == []
     assert formula(rim) == "at the rim: a = 0.2 against leaving it and -(0.05 + 3 v) along v"
-    assert formula(neutral(rim_drag_per_s=3.0)) == "at the rim: a = -(3 v) along v"
+    assert not holds_or_brakes(neutral(rim_hold_m_per_s2=-0.1))
+    assert formula(neutral(rim_drag_per_s=3.0, rim_brake_m_per_s2=-0.01)) == "at the rim: a = -(3 v) along v"
 
 
 def test_a_picture_that_turns_is_no_push():
