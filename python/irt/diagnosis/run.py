@@ -79,6 +79,9 @@ def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
         relevance = Relevance(selection, posterior.beside(learned))
         kept, more = relevance.kept(relevance.freed(learned))
         immaterial |= more
+    if not kept.effects:
+        # The likeliest five parameters may predict worse than least squares do.
+        kept = selection.baseline
     return Answer(kept, relevance, immaterial).diagnosis(report)
 
 
