@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 @dataclass(eq=False)
 class Corrections:
-    """Learned corrections of sets, each learned once.
+    """Learned corrections of sets. Those of `of` are kept, because search and answer ask for them.
 
     Attributes
     ----------
@@ -40,7 +40,6 @@ class Corrections:
     scores: Scores
     report: Report
     _known: dict[Scored, Scored | None] = field(default_factory=dict)
-    _at_rim: dict[Scored, Scored | None] = field(default_factory=dict)
     _of_one_term: dict[Scored, Scored | None] = field(default_factory=dict)
 
     def of(self, parent: Scored) -> Scored | None:
@@ -51,10 +50,7 @@ class Corrections:
 
     def at_rim(self, parent: Scored) -> Scored | None:
         """Return a set with forces at the rim, or None if none is worth its price."""
-        if parent not in self._at_rim:
-            first = self._force_at_rim(parent, parent)
-            self._at_rim[parent] = _learned(parent, first, self._force_at_rim)
-        return self._at_rim[parent]
+        return _learned(parent, self._force_at_rim(parent, parent), self._force_at_rim)
 
     def _with_one_term(self, parent: Scored) -> Scored | None:
         if parent not in self._of_one_term:
