@@ -115,6 +115,21 @@ def test_effects_at_the_knob_are_found_in_the_unit_of_the_commands(name, values,
 
 
 @pytest.mark.slow
+def test_a_law_of_impacts_that_depends_on_the_speed_is_found():
+    """Rapier's rim returns more of a slow marble's speed, and rubs more, than the rig file says."""
+    law = {"increase": 0.3, "falloff": 0.5, "friction_increase": 0.3}
+    found = irt.diagnose(hidden({"name": "wall_restitution", **law}, runs=8, size=4.0, engine="rapier"))
+    (effect,) = found.effects
+    assert (effect.name, effect.stage) == ("wall_restitution", "contact")
+    for name, value in law.items():
+        one = effect.parameters[name]
+        assert one.low <= value <= one.high
+    assert effect.parameters["increase"].value == pytest.approx(0.3, abs=0.05)
+    assert effect.parameters["falloff"].value == pytest.approx(0.5, abs=0.1)
+    assert found.final_heldout_mae < 0.7 * found.base_heldout_mae
+
+
+@pytest.mark.slow
 def test_where_nothing_is_hidden_nothing_is_named():
     found = irt.diagnose(hidden(seed=4))
     assert (found.verdict, found.effects, found.where) == ("sufficient", (), ())
@@ -126,7 +141,13 @@ def test_where_nothing_is_hidden_nothing_is_named():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "force", [{"rim_hold_m_per_s2": 0.1}, {"rim_brake_m_per_s2": 0.06}, {"rim_drag_per_s": 4.0}]
+    "force",
+    [
+        {"rim_hold_m_per_s2": 0.1},
+        {"rim_brake_m_per_s2": 0.06},
+        {"rim_drag_per_s": 4.0},
+        {"rim_brake_m_per_s2": 0.04, "rim_drag_per_s": 3.0},
+    ],
 )
 def test_forces_at_the_rim_are_learned(force):
     """A rim that is sticky, rough or of felt has no name; late departures and rebounds show it."""

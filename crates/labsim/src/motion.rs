@@ -14,8 +14,8 @@ pub(crate) struct Rims<S: Simd> {
     /// Maximum distance of a marble's centre from the board's centre.
     pub(crate) reach_x: Lanes<S>,
     pub(crate) reach_y: Lanes<S>,
-    /// Coefficient of restitution of the normal velocity.
-    pub(crate) restitution: Lanes<S>,
+    /// Of the normal velocity.
+    pub(crate) restitution: Restitution<Lanes<S>>,
     /// Coulomb's coefficient.
     pub(crate) friction: Lanes<S>,
 }
@@ -27,9 +27,90 @@ impl<S: Simd> Rims<S> {
         Self {
             reach_x: Lanes::splat(simd, reach_x),
             reach_y: Lanes::splat(simd, reach_y),
-            restitution: Lanes::splat(simd, rig.board.wall_restitution),
+            restitution: Restitution {
+                at_reference: Lanes::splat(simd, rig.board.wall_restitution),
+                falloff: Lanes::splat(simd, 0.0),
+            },
             friction: Lanes::splat(simd, rig.board.wall_friction),
         }
+    }
+}
+
+/// The approach speed at which a restitution is stated (m/s).
+pub(crate) const REFERENCE_M_PER_S: f64 = 0.1;
+
+/// No rim returns more because a marble is slow.
+pub(crate) const LIVELIEST: f64 = 0.95;
+
+/// A coefficient of restitution, which falls with a power of the approach speed
+/// (Johnson: Contact Mechanics, ch. 11).
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Restitution<T> {
+    /// At [`REFERENCE_M_PER_S`].
+    pub(crate) at_reference: T,
+    /// The exponent of the inverse of the speed.
+    pub(crate) falloff: T,
+}
+
+impl Restitution<f64> {
+    /// The coefficient at an approach speed (m/s).
+    pub(crate) fn at(&self, speed: f64) -> f64 {
+        if self.falloff == 0.0 || self.at_reference <= 0.0 {
+            return self.at_reference;
+        }
+        let power = libm::pow(speed.abs() / REFERENCE_M_PER_S, -self.falloff);
+        (self.at_reference * power).min(self.most())
+    }
+
+    /// How much faster a marble leaves for each m/s with which it arrives faster, at an approach speed (m/s).
+    pub(crate) fn slope_at(&self, speed: f64) -> f64 {
+        let share = self.at(speed);
+        if share < self.most() {
+            (1.0 - self.falloff) * share
+        } else {
+            share
+        }
+    }
+
+    fn most(&self) -> f64 {
+        LIVELIEST.max(self.at_reference)
+    }
+}
+
+#[expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+impl<S: Simd> Restitution<Lanes<S>> {
+    /// The coefficient of a lane.
+    pub(crate) fn of_lane(&self, lane: usize) -> Restitution<f64> {
+        Restitution {
+            at_reference: self.at_reference.to_array()[lane],
+            falloff: self.falloff.to_array()[lane],
+        }
+    }
+
+    /// The coefficients at approach speeds (m/s).
+    #[inline(always)]
+    pub(crate) fn at(&self, speed: Lanes<S>) -> Lanes<S> {
+        self.by_lane(speed, Restitution::<f64>::at)
+    }
+
+    /// How much faster marbles leave for each m/s with which they arrive faster, at approach speeds (m/s).
+    #[inline(always)]
+    pub(crate) fn slope_at(&self, speed: Lanes<S>) -> Lanes<S> {
+        self.by_lane(speed, Restitution::<f64>::slope_at)
+    }
+
+    #[inline(always)]
+    fn by_lane(&self, speed: Lanes<S>, of: fn(&Restitution<f64>, f64) -> f64) -> Lanes<S> {
+        if !self.falloff.ne(speed.like(0.0)).any() {
+            return self.at_reference;
+        }
+        let speed = speed.to_array();
+        Lanes::from_fn(self.falloff.simd(), |lane| {
+            of(&self.of_lane(lane), speed[lane])
+        })
     }
 }
 

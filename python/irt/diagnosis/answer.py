@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 
@@ -73,7 +73,8 @@ class Answer:
         self._best, self._relevance, self._immaterial = best, relevance, immaterial
         self._posterior: Posterior = relevance.posterior
         self._dataset: Dataset = relevance.selection.scores.dataset
-        self._base = relevance.selection.baseline if best.effects else best
+        self._names = relevance.named(best)
+        self._base = relevance.selection.baseline if self._names else best
         self._proof = relevance.validation.of(best)
         self._base_proof = relevance.validation.of(self._base)
         self._parameters, self._unidentifiable = relevance.parameters(best)
@@ -87,7 +88,7 @@ class Answer:
         report("ties")
         tied = [] if UNLISTED in best.effects else ties(self._relevance.exchanges, best)
         report("held-out errors")
-        order = self._ordered()
+        order = self._ordered(self._names)
         again = self._chosen_again(tied)
         effects = tuple(self._named(name, [one for one in tied if one.name == name], again) for name in order)
         base, answer = self._base_proof, self._proof
@@ -95,7 +96,7 @@ class Answer:
         final = answer.runs[0].model
         simulated = twins_of(dataset.rig, final, self._noise, dataset.seed)
         twins = evaluate(final, simulated, dataset.horizon_s(final))
-        without = {name: self._without(name) for name in order}
+        without = {name: self._without(name) for name in self._ordered(best.effects) if order}
         shares = budget(base, answer, without, twins.runs) if is_held_out else ()
         return Diagnosis(
             verdict=self._verdict(order),
@@ -134,6 +135,7 @@ class Answer:
                     next((one.parameters for one in effects if one.name == JITTER), None),
                     explained=self._is_whole,
                 ),
+                *self._impacts(),
                 *sentences(self._recordings, self._differences),
             ),
             settings={
@@ -144,7 +146,9 @@ class Answer:
             },
             seed=dataset.seed,
             seconds=0.0,
-            inclusion=self._posterior.probabilities(self._immaterial - set(best.effects)),
+            inclusion=self._posterior.probabilities(
+                (self._immaterial | set(best.effects)) - set(self._names)
+            ),
             budget=shares,
             remains=self._remains(shares, twins.mae) if is_held_out else None,
             pushes=self._pushes() if where else (),
@@ -220,7 +224,7 @@ class Answer:
         return "unlisted" if order[0] == UNLISTED else "missing"
 
     def _where(self) -> tuple[Finding, ...]:
-        if not self._best.effects and self._is_whole:
+        if not self._names and self._is_whole:
             return ()
         base, sources = self._base.fitted, self._sources(self._base)
         named = () if UNLISTED in self._best.effects or self._is_pushed else self._best.effects
@@ -253,9 +257,20 @@ class Answer:
     def _without(self, name: str) -> HeldOut:
         return self._relevance.validation.of(self._relevance.without(self._best, name))
 
-    def _ordered(self) -> list[str]:
-        """Return the effects by importance: the largest held-out error without it first."""
-        return sorted(self._best.effects, key=lambda name: -self._without(name).mae)
+    def _ordered(self, names: Sequence[str]) -> list[str]:
+        """Return effects by importance: the largest held-out error without it first."""
+        return sorted(names, key=lambda name: -self._without(name).mae)
+
+    def _impacts(self) -> Iterator[str]:
+        """Yield a note on a law of impacts that is in the model and not named."""
+        board = self._dataset.rig.board
+        for name in self._best.effects:
+            if name not in self._names:
+                more, rubs = (self._best.values[f"{name}.{key}"] for key in ("increase", "friction_increase"))
+                yield words.impacts(
+                    (board.wall_restitution, board.wall_restitution + more),
+                    (board.wall_friction, board.wall_friction + rubs),
+                )
 
     def _chosen_again(self, tied: Sequence[Tie]) -> Nested | None:
         """Repeat the selection without each recording: answer, subsets, ties and likely sets compete."""
@@ -339,7 +354,7 @@ class Answer:
                     gain=gain,
                     penalty=gain - (one.score - base.score),
                     probability=float(chance),
-                    outcome=_outcome(one, base, self._best, alike),
+                    outcome=_outcome(one, base, self._best, self._names, alike),
                 )
             )
         return tuple(sorted(found, key=lambda one: one.penalty - one.gain))
@@ -369,18 +384,20 @@ class Answer:
         return np.asarray(np.arange(len(recording.knobs)) * step * SUBSTEP_S)
 
 
-def _outcome(one: Scored, base: Scored, best: Scored, alike: set[frozenset[str]]) -> str:
+def _outcome(
+    one: Scored, base: Scored, best: Scored, names: Collection[str], alike: set[frozenset[str]]
+) -> str:
     """Return the outcome of a set in words."""
-    own, named = set(one.effects), set(best.effects)
-    if own == named:
-        return "named" if named else "sufficient"
+    own, answer = set(one.effects), set(best.effects)
+    if own == answer:
+        return "named" if names else "sufficient"
     if not own:
         return "the base model"
     if frozenset(own) in alike:
         return "equally good"
     if one.score < base.score + config.SURE:
         return "no better than the base model"
-    if named < own:
+    if answer < own:
         return "not confirmed by held-out recordings"
     return "explains less"
 

@@ -215,25 +215,32 @@ def _spread(one: Scored, time_scale: Parameter) -> Parameter:
 
 
 def is_named(info: EffectInfo, found: dict[str, Parameter]) -> bool:
+    """Whether an effect is distinct from its absence, and from what engines differ by.
+
+    Rebounds from the rim differ between engines, and between any engine and a rig. A law of impacts that is
+    within these differences is a part of the model, but no missing physics.
+    """
+    if not is_distinct(info, found):
+        return False
+    if not info.of_rims:
+        return True
+    law = info.required[0]
+    least = config.LEAST_OF_IMPACTS * (law.high - law.low)
+    return abs(found[f"{info.name}.{law.name}"].value - law.neutral) > least
+
+
+def is_distinct(info: EffectInfo, found: dict[str, Parameter]) -> bool:
     """Whether an effect is distinct from its absence: delay jitter by its spread, others by their size.
 
-    It must also be distinct from other effects, by the width or speed on which it acts. Rebounds from the rim
-    differ between engines, and between any engine and a rig. A law of impacts must exceed these differences.
-    So must delay jitter: where commands take effect at an engine's next step, their delays have a uniform
-    distribution over a step.
+    It must also be distinct from other effects, by the width or speed on which it acts. Delay jitter must
+    exceed what engines differ by: where commands take effect at an engine's next step, their delays have a
+    uniform distribution over a step.
     """
     name = info.name
     if name == JITTER:
         low = found[f"{JITTER}.sd_s"].low
         return low is not None and low > SUBSTEP_S / math.sqrt(12.0)
-    if may_be_absent(name, found) or not _is_plausible(info, found):
-        return False
-    if not info.of_rims:
-        return True
-    return any(
-        abs(found[f"{name}.{law.name}"].value - law.neutral) > config.LEAST_OF_IMPACTS * (law.high - law.low)
-        for law in info.required
-    )
+    return not may_be_absent(name, found) and _is_plausible(info, found)
 
 
 def _is_plausible(info: EffectInfo, found: dict[str, Parameter]) -> bool:

@@ -45,12 +45,13 @@ class Corrections:
     def of(self, parent: Scored) -> Scored | None:
         """Return a set with a learned correction, or None if no term is worth its price."""
         if parent not in self._known:
-            self._known[parent] = _learned(parent, self._with_one_term(parent), self._another)
+            self._known[parent] = _learned(parent, self._with_one_term(parent), self._another, Scores.push)
         return self._known[parent]
 
     def at_rim(self, parent: Scored) -> Scored | None:
         """Return a set with forces at the rim, or None if none is worth its price."""
-        return _learned(parent, self._force_at_rim(parent, parent), self._force_at_rim)
+        first = self._force_at_rim(parent, parent)
+        return _learned(parent, first, self._force_at_rim, Scores.rebounds)
 
     def _with_one_term(self, parent: Scored) -> Scored | None:
         if parent not in self._of_one_term:
@@ -114,7 +115,10 @@ def _other(now: Scored, terms: Sequence[Term]) -> list[Term]:
 
 
 def _learned(
-    parent: Scored, first: Scored | None, another: Callable[[Scored, Scored], Scored | None]
+    parent: Scored,
+    first: Scored | None,
+    another: Callable[[Scored, Scored], Scored | None],
+    left: Callable[[Scores, Scored], float],
 ) -> Scored | None:
     """Add terms to a set while its score grows; return None if no term is worth its price.
 
@@ -130,13 +134,16 @@ def _learned(
         The set with the most probable term, if any was found.
     another : callable
         Called with the parent and a set; returns the most probable set with one more term.
+    left : callable
+        Called with scores and a set; returns the gain in log-likelihood by what terms stand for [nats]. No
+        term is added to a set without one.
     """
     best, now, doubted, found = parent, parent, False, first
     while found is not None:
         now = found
         if now.score > best.score + config.SURE:
             best, doubted = now, False
-            if Scores.of(now).push(now) < config.SURE:
+            if left(Scores.of(now), now) < config.SURE:
                 break
         elif doubted or now.score < best.score - math.log(config.LIBRARY):
             break

@@ -156,6 +156,12 @@ class Relevance:
             self._parameters[one] = intervals.parameters(one, self.validation.of(one), losses)
         return self._parameters[one]
 
+    def named(self, one: Scored) -> list[str]:
+        """Return the effects of a reduced set that are missing physics, not differences between engines."""
+        found, _ = self.parameters(one)
+        rig = one.dataset.rig
+        return [name for name in one.effects if intervals.is_named(in_unit_of(rig, effect(name)), found)]
+
     def kept(self, one: Scored) -> tuple[Scored, frozenset[str]]:
         """Return a set reduced to effects that matter and are probable, and the effects that do not matter.
 
@@ -176,7 +182,7 @@ class Relevance:
         losses = {name: self.loss(one, name) for name in one.effects}
         for name in sorted(losses, key=lambda name: losses[name]):
             info = in_unit_of(one.dataset.rig, effect(name))
-            matters = self._is_needed(one, name) and intervals.is_named(info, found)
+            matters = self._is_needed(one, name) and intervals.is_distinct(info, found)
             if not (matters and self._is_probable(name)):
                 return name, matters
         return None

@@ -79,9 +79,10 @@ def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
         relevance = Relevance(selection, posterior.beside(learned))
         kept, more = relevance.kept(relevance.freed(learned))
         immaterial |= more
-    if not kept.effects:
+    baseline, held = selection.baseline, relevance.validation
+    if not relevance.named(kept) and held.of(baseline).mae <= held.of(kept).mae:
         # The likeliest five parameters may predict worse than least squares do.
-        kept = selection.baseline
+        kept = baseline
     return Answer(kept, relevance, immaterial).diagnosis(report)
 
 

@@ -127,7 +127,8 @@ class Selection:
     def run(self, is_beaten: Callable[[Scored], bool] = lambda _: False) -> Posterior:
         """Add the effect with the largest gain, drop superfluous effects, then try replacements of each.
 
-        A set with white residuals is complete, and only challenged by replacements. A slope map, which can
+        A set with white residuals is complete, and only challenged by replacements, or by a law of impacts if
+        its rebounds are random. A slope map, which can
         describe any dependence on the position, is tried once no other effect helps; effects that
         approximated it are then dropped, and the map itself is challenged by the effects that it may
         approximate.
@@ -138,7 +139,7 @@ class Selection:
             Called with the best set of two effects or more; if it returns True, no more are added.
         """
         best = self.scores.base()
-        challenges = [self._swapped, self.merged]
+        challenges = [self._rebounding, self._swapped, self.merged]
         additions = [
             self._grown,
             self._grown_without_pull,
@@ -223,6 +224,13 @@ class Selection:
         still, promises = without_pull(self.scores, parent, self._other(parent))
         found = self._fitted(still, promises[: config.SWAPPED], parent.score)
         return self._if_better(found, parent, None)
+
+    def _rebounding(self, parent: Scored) -> Scored | None:
+        """Return the set with an additional law of impacts, if it is better and its rebounds are random."""
+        laws = [name for name in self._other(parent) if effect(name).of_rims]
+        if not laws or self.scores.rebounds(parent) < config.SURE:
+            return None
+        return self._if_better(self._best_child(parent, laws, len(laws), parent.score), parent, None)
 
     def _mapped(self, parent: Scored) -> Scored | None:
         """Return the set with an additional slope map, if it is better."""

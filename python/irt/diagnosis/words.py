@@ -101,6 +101,22 @@ def summary(
     )
 
 
+def impacts(restitution: tuple[float, float], friction: tuple[float, float]) -> str:
+    """Return a note on a law of impacts that is in the model and not named.
+
+    Parameters
+    ----------
+    restitution, friction : (float, float)
+        Restitution at 0.1 m/s and friction of the rim: of the rig file, and fitted.
+    """
+    return (
+        f"Rebounds from the rim are predicted better with a restitution of {two_digits(restitution[1])} at "
+        f"0.1 m/s and a friction of {two_digits(max(0.0, friction[1]))} of the rim (rig.toml: "
+        f"{restitution[0]:g} and {friction[0]:g}). Simulators differ by as much: this is in the model, and "
+        "not named."
+    )
+
+
 def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
     """Return what to record next, and why."""
     command = f"`irt suggest {as_typed(rig)} --models DIR` (DIR: the folder of these results)"

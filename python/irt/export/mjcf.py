@@ -170,6 +170,8 @@ def _warnings(model: Model, found: Mapping[str, drive.Axis]) -> Iterator[str]:
     heavy = _effect(model, "eccentric_marble")
     if heavy and heavy.get("follows_path", 1.0):
         yield "eccentric_marble is left out: MuJoCo's marble has no heavy side that follows its path"
+    if _effect(model, "wall_restitution").get("falloff", 0.0):
+        yield "falloff of wall_restitution is left out: MuJoCo's rims return the same part at all speeds"
     if any(_is_bent(one) and _is_mixed(one, axis) for axis, one in found.items()):
         yield "gear_nonlinearity is left out about an axis that both commands move: MuJoCo bends one alone"
     if model.maze is not None:
@@ -238,9 +240,10 @@ def _board(world: ET.Element, model: Model) -> None:
     maze = model.maze or Maze()
     _plate(body, maze, np.array([half_x, half_y]) + THICK, friction)
     restitution = model.board.wall_restitution + _effect(model, "wall_restitution").get("increase", 0.0)
+    rubbing = model.board.wall_friction + _effect(model, "wall_restitution").get("friction_increase", 0.0)
     rim = {
         "type": "box",
-        "friction": _n(model.board.wall_friction, 0.0, 0.0),
+        "friction": _n(max(rubbing, 0.0), 0.0, 0.0),
         "solref": _n(*solref(min(max(restitution, 0.0), 1.0), STEP_S)),
         "rgba": "0.45 0.3 0.18 1",
     }

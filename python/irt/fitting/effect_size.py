@@ -16,7 +16,12 @@ Array = NDArray[np.float64]
 
 @functools.cache
 def size_of(name: str) -> int | None:
-    """Return the index of an effect's size parameter, at whose neutral value the effect vanishes, or None."""
+    """Return the index of an effect's size parameter, at whose neutral value the effect vanishes, or None.
+
+    Of an effect of the rim, which the run below never meets, it is the first.
+    """
+    if effect(name).of_rims:
+        return 0
     plain = try_path([])
     silent = [
         index

@@ -362,7 +362,14 @@ def noise_in(observed: Iterable[Array]) -> float:
 
 
 def in_unit_of(rig: Rig | Model, info: EffectInfo) -> EffectInfo:
-    """Return an effect with ranges in the unit of a rig's commands: gears are in rad per unit."""
+    """Return an effect with ranges in the unit of a rig's commands: gears are in rad per unit.
+
+    Restitution and friction of the rim cannot become negative.
+    """
+    if info.of_rims:
+        least = {"increase": -rig.board.wall_restitution, "friction_increase": -rig.board.wall_friction}
+        own = [replace(one, low=max(one.low, least.get(one.name, one.low))) for one in info.parameters]
+        return replace(info, parameters=tuple(own))
     most = max(abs(end) for name in ("gear_x", "gear_y") for end in rig.ranges[name])
     if info.name == GEAR_MATRIX:
         return replace(info, parameters=tuple(replace(one, low=-most, high=most) for one in info.parameters))

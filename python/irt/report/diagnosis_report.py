@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from irt import arguments
-from irt.catalogue import EffectInfo, effects
+from irt.catalogue import EffectInfo, effect, effects
 from irt.diagnosis.dataset import horizon_row_s
 from irt.diagnosis.result import UNLISTED, Candidate, Diagnosis, NamedEffect, RunProof
 from irt.diagnosis.words import LEARNED
@@ -476,7 +476,8 @@ def _is_formula(note: str) -> bool:
 
 def answers(diagnosis: Diagnosis) -> tuple[frozenset[str], set[frozenset[str]]]:
     """Return the answer, and the sets that tie with it, as they are or with one named effect replaced."""
-    named = frozenset(one.name for one in diagnosis.effects)
+    of_rims = {one.name for one in diagnosis.model.effects if effect(one.name).of_rims}
+    named = frozenset(of_rims | {one.name for one in diagnosis.effects})
     ties = {named - {one.name} | {other} for one in diagnosis.effects for other in one.confusable_with}
     ties |= {frozenset(one.name for one in other.effects) for other in diagnosis.indistinguishable}
     return named, ties

@@ -105,6 +105,16 @@ def test_friction_and_rows_are_in_the_file_s_units() -> None:
     assert numbers(named(root, "geom", "marble")["size"]) == [0.685]
 
 
+def test_a_rim_rubs_as_found_and_its_falloff_is_named_as_missing() -> None:
+    found = to_mjcf(model(("wall_restitution", {"increase": 0.3, "falloff": 0.4, "friction_increase": 0.1})))
+    assert numbers(named(ET.fromstring(found.text), "geom", "rim_east")["friction"]) == pytest.approx(
+        [0.35, 0, 0]
+    )
+    assert any("falloff of wall_restitution is left out" in one for one in found.warnings)
+    plain = to_mjcf(model(("wall_restitution", {"increase": 0.3, "falloff": 0.0, "friction_increase": 0.0})))
+    assert not any("falloff" in one for one in plain.warnings)
+
+
 def test_delay_lag_backlash_and_bias_are_native() -> None:
     root = tree(
         model(

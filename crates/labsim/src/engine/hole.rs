@@ -10,6 +10,7 @@
 //! the way; each marble is computed by itself, in the same order of operations on every machine.
 
 use crate::engine::obstacles::{Obstacles, TOUCH_M};
+use crate::motion::Restitution;
 
 /// Parts of a substep: at least so many, and as many as it takes to move by this many radii in each.
 const LEAST_PARTS: f64 = 4.0;
@@ -38,7 +39,7 @@ pub(crate) struct Around<'a> {
     /// How far from the board's centre a marble's centre can get (m).
     pub(crate) reach: [f64; 2],
     /// Restitution of walls and rims.
-    pub(crate) restitution: f64,
+    pub(crate) restitution: Restitution<f64>,
     /// Coulomb's coefficients, of walls and rims and of the board.
     pub(crate) wall_friction: f64,
     pub(crate) sliding_friction: f64,
@@ -66,7 +67,7 @@ struct Contact {
     normal: [f64; 3],
     /// m
     gap: f64,
-    restitution: f64,
+    restitution: Option<Restitution<f64>>,
     friction: f64,
 }
 
@@ -126,7 +127,7 @@ fn carry(marble: &mut Sphere, around: &Around<'_>, length: f64) {
     let board = Contact {
         normal,
         gap: distance - around.radius,
-        restitution: 0.0,
+        restitution: None,
         friction: around.sliding_friction,
     };
     push(marble, &board, length);
@@ -137,11 +138,7 @@ fn keep_inside(marble: &mut Sphere, around: &Around<'_>, length: f64) {
     let wall = |normal: [f64; 2], gap: f64| Contact {
         normal: [normal[0], normal[1], 0.0],
         gap,
-        restitution: if gap > TOUCH_M {
-            around.restitution
-        } else {
-            0.0
-        },
+        restitution: (gap > TOUCH_M).then_some(around.restitution),
         friction: around.wall_friction,
     };
     let [x, y, _] = marble.place;
@@ -181,8 +178,9 @@ fn push(marble: &mut Sphere, contact: &Contact, length: f64) {
     if towards * length <= gap.max(0.0) || towards <= 0.0 {
         return;
     }
-    let impulse = if contact.restitution > 0.0 {
-        (1.0 + contact.restitution) * towards
+    let restitution = contact.restitution.map_or(0.0, |one| one.at(towards));
+    let impulse = if restitution > 0.0 {
+        (1.0 + restitution) * towards
     } else {
         towards - gap.max(0.0) / length
     };
@@ -242,7 +240,10 @@ mod tests {
             obstacles,
             radius: RADIUS,
             reach: Rig::default().reach_m(),
-            restitution: 0.0,
+            restitution: Restitution {
+                at_reference: 0.0,
+                falloff: 0.0,
+            },
             wall_friction: 0.25,
             sliding_friction,
             pull: [0.0, 0.0, -GRAVITY],

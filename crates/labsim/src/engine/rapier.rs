@@ -30,6 +30,8 @@
 
 mod marble;
 
+use std::cmp::Ordering;
+
 use pulp::Scalar;
 use rapier3d_f64::prelude::*;
 
@@ -37,6 +39,7 @@ use self::marble::Marble;
 use super::obstacles::Obstacles;
 use super::{Job, Setup, Sink};
 use crate::board::{Rig, SUBSTEP_S};
+use crate::motion::{REFERENCE_M_PER_S, Restitution};
 
 /// The most marbles to a world: enough to share its overhead, few enough to stay in the cache.
 pub(crate) const GROUP: usize = 64;
@@ -69,40 +72,95 @@ const MARBLES: Group = Group::GROUP_2;
 /// Simulates up to [`GROUP`] rollouts, in one world if their rims are alike; row i of `out[j]` becomes what
 /// is observed of job j at row i.
 pub(crate) fn run(setup: &Setup<'_>, jobs: &[Job<'_>], out: &mut [Sink<'_>]) {
-    let mut all: Vec<(f64, &Job<'_>, &mut Sink<'_>)> = jobs
+    let mut all: Vec<(Wall, &Job<'_>, &mut Sink<'_>)> = jobs
         .iter()
         .zip(out)
-        .map(|(job, out)| (restitution(setup, job), job, out))
+        .map(|(job, out)| (Wall::of(setup, job), job, out))
         .collect();
-    all.sort_by(|a, b| a.0.total_cmp(&b.0));
-    for alike in all.chunk_by_mut(|a, b| a.0 == b.0) {
-        let mut rig = *setup.rig;
-        rig.board.wall_restitution = alike[0].0;
-        simulate(
-            &Setup {
-                rig: &rig,
-                ..*setup
-            },
-            alike,
-        );
+    all.sort_by(|(a, ..), (b, ..)| a.compare(b));
+    for alike in all.chunk_by_mut(|(a, ..), (b, ..)| a.compare(b).is_eq()) {
+        simulate(setup, alike);
     }
 }
 
-/// Restitution of the rim as a marble meets it.
-fn restitution(setup: &Setup<'_>, job: &Job<'_>) -> f64 {
-    let rims = setup.rims(Scalar::new(), |_| job);
-    rims.restitution.to_array()[0]
+/// Rims and inner walls as a marble meets them.
+#[derive(Debug, Clone, Copy)]
+struct Wall {
+    restitution: Restitution<f64>,
+    /// Coulomb's coefficient.
+    friction: f64,
+}
+
+impl Wall {
+    fn of(setup: &Setup<'_>, job: &Job<'_>) -> Self {
+        let rims = setup.rims(Scalar::new(), |_| job);
+        Self {
+            restitution: rims.restitution.of_lane(0),
+            friction: rims.friction.to_array()[0],
+        }
+    }
+
+    fn compare(&self, other: &Self) -> Ordering {
+        let numbers = |one: &Self| {
+            let Restitution {
+                at_reference,
+                falloff,
+            } = one.restitution;
+            [at_reference, falloff, one.friction]
+        };
+        let pairs = numbers(self).into_iter().zip(numbers(other));
+        let mut ordered = pairs.map(|(a, b)| a.total_cmp(&b));
+        ordered.find(|one| one.is_ne()).unwrap_or(Ordering::Equal)
+    }
+
+    /// Friction and restitution of rapier's contacts at an approach speed (m/s).
+    ///
+    /// Rapier bounds friction by the impulse that stops the marble; what throws it back comes after. Coulomb's
+    /// bound is for both.
+    fn contact(&self, speed: f64) -> (f64, f64) {
+        let restitution = self.restitution.at(speed);
+        (self.friction * (1.0 + restitution), restitution)
+    }
+
+    fn surface(&self, collider: ColliderBuilder) -> ColliderBuilder {
+        let (friction, restitution) = self.contact(REFERENCE_M_PER_S);
+        let hooks = if self.restitution.falloff == 0.0 {
+            ActiveHooks::empty()
+        } else {
+            ActiveHooks::MODIFY_SOLVER_CONTACTS
+        };
+        surface(collider, friction, restitution).active_hooks(hooks)
+    }
+}
+
+/// Called for each contact of a marble with a wall whose restitution depends on the speed.
+impl PhysicsHooks for Wall {
+    fn modify_solver_contacts(&self, context: &mut ContactModificationContext<'_>) {
+        let bodies = [context.rigid_body1, context.rigid_body2];
+        let mut found = bodies.into_iter().flatten().map(|one| &context.bodies[one]);
+        let Some(marble) = found.find(|one| one.is_dynamic()) else {
+            return;
+        };
+        // Before the forces of the substep have acted.
+        let velocity = marble.linvel() + marble.user_force() * (SUBSTEP_S / marble.mass());
+        let pace = marble::pace(marble);
+        if let Some(contacts) = context.rigid_mut() {
+            let speed = velocity.dot(*contacts.normal) / pace;
+            (*contacts.friction, *contacts.restitution) = self.contact(speed);
+        }
+    }
 }
 
 /// Simulates rollouts in one world.
-fn simulate(setup: &Setup<'_>, jobs: &mut [(f64, &Job<'_>, &mut Sink<'_>)]) {
-    let mut world = world(setup.rig);
+fn simulate(setup: &Setup<'_>, jobs: &mut [(Wall, &Job<'_>, &mut Sink<'_>)]) {
+    let wall = jobs[0].0;
+    let mut world = world(setup.rig, &wall);
     if let Some(obstacles) = setup.obstacles {
-        build_walls(&mut world, setup.rig, obstacles);
+        build_walls(&mut world, setup.rig, &wall, obstacles);
     }
     let mut marbles: Vec<Marble<'_>> = jobs
         .iter()
-        .map(|(_, job, _)| Marble::new(setup, job, &mut world))
+        .map(|(wall, job, _)| Marble::new(setup, job, *wall, &mut world))
         .collect();
     give_walls_the_last_word(&mut world);
     for marble in &mut marbles {
@@ -116,12 +174,12 @@ fn simulate(setup: &Setup<'_>, jobs: &mut [(f64, &Job<'_>, &mut Sink<'_>)]) {
         if !moving || setup.is_cancelled() {
             return;
         }
-        world.step();
+        world.step_with_events(&wall, &());
     }
 }
 
 /// The board and its walls, with nothing on it yet.
-fn world(rig: &Rig) -> PhysicsWorld {
+fn world(rig: &Rig, wall: &Wall) -> PhysicsWorld {
     let mut world = PhysicsWorld {
         gravity: Vector::ZERO,
         integration_parameters: parameters(rig),
@@ -139,12 +197,8 @@ fn world(rig: &Rig) -> PhysicsWorld {
         (-y, Vector::Y),
     ] {
         let centre = along * (inner + far.copysign(inner));
-        let wall = ColliderBuilder::cuboid(far, far, 1000.0 * far);
-        // Rapier bounds friction by the impulse that stops the marble; what throws it back comes
-        // after. Coulomb's bound is for both.
-        let friction = rig.board.wall_friction * (1.0 + rig.board.wall_restitution);
-        let wall = surface(wall, friction, rig.board.wall_restitution);
-        world.insert(RigidBodyBuilder::fixed().translation(centre), wall);
+        let side = wall.surface(ColliderBuilder::cuboid(far, far, 1000.0 * far));
+        world.insert(RigidBodyBuilder::fixed().translation(centre), side);
     }
     let board = ColliderBuilder::new(SharedShape::halfspace(Vector::Z));
     world.insert_collider(surface(board, rig.board.sliding_friction, 0.0), None);
@@ -152,7 +206,7 @@ fn world(rig: &Rig) -> PhysicsWorld {
 }
 
 /// Inner walls: boxes with an upright capsule at either end, as high as the rim.
-fn build_walls(world: &mut PhysicsWorld, rig: &Rig, obstacles: &Obstacles) {
+fn build_walls(world: &mut PhysicsWorld, rig: &Rig, of: &Wall, obstacles: &Obstacles) {
     let half = obstacles.reach - rig.marble.radius_m;
     let high = 10.0 * (rig.board.edge_x_m + rig.board.edge_y_m);
     for wall in &obstacles.walls {
@@ -170,9 +224,7 @@ fn build_walls(world: &mut PhysicsWorld, rig: &Rig, obstacles: &Obstacles) {
         let body = RigidBodyBuilder::fixed()
             .translation(Vector::new(x, y, 0.0))
             .rotation(Vector::new(0.0, 0.0, angle));
-        let friction = rig.board.wall_friction * (1.0 + rig.board.wall_restitution);
-        let wall = ColliderBuilder::compound(parts);
-        world.insert(body, surface(wall, friction, rig.board.wall_restitution));
+        world.insert(body, of.surface(ColliderBuilder::compound(parts)));
     }
 }
 

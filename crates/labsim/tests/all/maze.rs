@@ -338,7 +338,7 @@ fn a_marble_falls_where_a_hole_is_and_is_gone() {
 fn wall_restitution_acts_at_inner_walls() {
     let (rig, maze, parameters) = (Rig::default(), walls_alone(), parameters());
     let commands = [[0.0; 2]; ROWS];
-    let values = [0.5];
+    let values = [0.5, 0.0, 0.0];
     let livelier = [labsim::EffectInstance {
         effect: effect("wall_restitution").expect("it is in the catalogue"),
         values: PerRollout::Shared(&values),

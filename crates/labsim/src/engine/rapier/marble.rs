@@ -3,7 +3,7 @@
 use pulp::Scalar;
 use rapier3d_f64::prelude::*;
 
-use super::{FIXED, HAIR, LONGEST, MARBLES, SHORTEST, TOUCH, material, meeting};
+use super::{FIXED, HAIR, LONGEST, MARBLES, SHORTEST, TOUCH, Wall, material, meeting};
 use crate::board::{Rig, SUBSTEP_S};
 use crate::effects::Any;
 use crate::engine::actuation::Actuation;
@@ -20,6 +20,7 @@ type One = Lanes<Scalar>;
 pub(super) struct Marble<'a> {
     job: &'a Job<'a>,
     rig: &'a Rig,
+    wall: Wall,
     /// The row after the last observed one.
     end: usize,
     body: RigidBodyHandle,
@@ -57,13 +58,19 @@ pub(super) struct Marble<'a> {
 
 impl<'a> Marble<'a> {
     /// A marble in the corner of the board.
-    pub(super) fn new(setup: &Setup<'a>, job: &'a Job<'a>, world: &mut PhysicsWorld) -> Self {
+    pub(super) fn new(
+        setup: &Setup<'a>,
+        job: &'a Job<'a>,
+        wall: Wall,
+        world: &mut PhysicsWorld,
+    ) -> Self {
         let rig = setup.rig;
         let radius = rig.marble.radius_m;
         let [x, y] = rig.reach_m();
         let body = RigidBodyBuilder::dynamic()
             .translation(Vector::new(x, y, radius))
             .can_sleep(false)
+            .user_data(1.0_f64.to_bits().into())
             // A sphere feels none.
             .gyroscopic_forces_enabled(false)
             // Rapier's limit of an eighth of a turn a substep is 1.3 m/s for the paper's marble.
@@ -76,6 +83,7 @@ impl<'a> Marble<'a> {
         Self {
             job,
             rig,
+            wall,
             end: job.first + setup.rows,
             body,
             camera: Camera::new(simd, setup, &actuation, |_| job),
@@ -217,6 +225,7 @@ impl<'a> Marble<'a> {
             marble.set_angvel(marble.angvel() * change, false);
         }
         self.pace = pace / parts;
+        marble.user_data = self.pace.to_bits().into();
     }
 
     /// Applies board, gravity and effects to the marble in its next part.
@@ -351,8 +360,8 @@ impl<'a> Marble<'a> {
             obstacles,
             radius,
             reach: self.rig.reach_m(),
-            restitution: self.rig.board.wall_restitution,
-            wall_friction: self.rig.board.wall_friction,
+            restitution: self.wall.restitution,
+            wall_friction: self.wall.friction,
             sliding_friction: self.rig.board.sliding_friction,
             pull: (self.pull / (pace * pace)).to_array(),
             length: pace * SUBSTEP_S,
@@ -464,6 +473,11 @@ impl<'a> Marble<'a> {
         let spinning = Vector::new(0.0, 0.0, spin.z.clamp(-most, most));
         marble.set_angvel(spin + rolling - spinning, false);
     }
+}
+
+/// Length of a marble's substeps over that of the world's.
+pub(super) fn pace(marble: &RigidBody) -> f64 {
+    f64::from_bits(marble.user_data as u64)
 }
 
 fn number(one: One) -> f64 {

@@ -191,6 +191,7 @@ fn board_contact<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) 
 mod tests {
     use super::*;
     use crate::board::{GRAVITY, Rig, SUBSTEP_S};
+    use crate::motion::Restitution;
     use proptest::prelude::*;
     use pulp::Scalar;
 
@@ -206,7 +207,7 @@ mod tests {
         fn energy_never_grows_on_a_level_board(
             place in prop::array::uniform2(-1.0..1.0),
             velocity in prop::array::uniform5(-0.5..0.5),
-            restitution in 0.0..1.0, friction in 0.0..1.0, resistance in 0.0..0.002,
+            restitution in 0.0..1.0, falloff in 0.0..1.0, friction in 0.0..1.0, resistance in 0.0..0.002,
         ) {
             let lanes = |value: f64| Lanes::splat(Scalar, value);
             let rig = Rig::default();
@@ -214,7 +215,10 @@ mod tests {
             let rims = Rims {
                 reach_x: lanes(reach_x),
                 reach_y: lanes(reach_y),
-                restitution: lanes(restitution),
+                restitution: Restitution {
+                    at_reference: lanes(restitution),
+                    falloff: lanes(falloff),
+                },
                 friction: lanes(friction),
             };
             let (g, h) = (GRAVITY, SUBSTEP_S);

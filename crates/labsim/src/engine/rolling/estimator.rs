@@ -215,7 +215,8 @@ impl<S: Simd> Estimator<S> {
         }
         for axis in 0..2 {
             let covariance = &mut self.axes[axis];
-            covariance.bounce(met[axis], self.velocity[axis], rims.restitution, variances);
+            let rebound = rims.restitution.slope_at(self.velocity[axis]);
+            covariance.bounce(met[axis], self.velocity[axis], rebound, variances);
             // Coulomb's law: friction goes with the impulse, and is as uncertain.
             let along = rims.friction * self.velocity[1 - axis];
             covariance.graze(met[1 - axis], along, variances);
@@ -319,7 +320,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
             let went = [
                 estimator.variances.push * seconds,
                 (rests | estimator.stop.found()).select(one, one.like(0.0)),
-                one - met[axis] * (one + rims.restitution),
+                one - met[axis] * (one + rims.restitution.slope_at(estimator.velocity[axis])),
                 edges_per_m,
             ];
             let known = [*pull, *lasting, off, weight];

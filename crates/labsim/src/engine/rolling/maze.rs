@@ -335,7 +335,7 @@ impl<S: Simd> Inside<S> {
         let before = Columns::of(marbles);
         let mut after = Columns::of(next);
         let pushes = [push.x, push.y, push.normal, push.damping, push.length].map(Lanes::to_array);
-        let (restitution, wall_friction) = (rims.restitution.to_array(), rims.friction.to_array());
+        let wall_friction = rims.friction.to_array();
         let (reach_x, reach_y) = (rims.reach_x.to_array(), rims.reach_y.to_array());
         for lane in 0..S::F64_LANES {
             let [x, y, vx, vy, sx, sy, spin, air] = before.0.map(|column| column[lane]);
@@ -358,7 +358,7 @@ impl<S: Simd> Inside<S> {
                 obstacles: &self.obstacles,
                 radius,
                 reach: [reach_x[lane], reach_y[lane]],
-                restitution: restitution[lane],
+                restitution: rims.restitution.of_lane(lane),
                 wall_friction: wall_friction[lane],
                 sliding_friction: self.rig.board.sliding_friction,
                 pull: [push_x / length, push_y / length, -normal],

@@ -12,6 +12,7 @@ use crate::effects::{EffectInstance, EffectSpec, Parameter, known};
 use crate::engine::obstacles::Obstacles;
 use crate::engine::{Clock, Hold, Step};
 use crate::maze::Maze;
+use crate::motion::Restitution;
 use crate::per_rollout::PerRollout;
 
 /// What 29 marbles do on every instruction set that is here; `substeps` is asked for a marble's.
@@ -165,7 +166,7 @@ proptest! {
     #[test]
     fn energy_never_grows_among_walls_on_a_level_board(
         place in prop::array::uniform2(-1.0..1.0), velocity in prop::array::uniform5(-0.5..0.5),
-        restitution in 0.0..1.0, friction in 0.0..1.0, resistance in 0.0..0.002,
+        restitution in 0.0..1.0, falloff in 0.0..1.0, friction in 0.0..1.0, resistance in 0.0..0.002,
     ) {
         let lanes = |value: f64| Lanes::splat(Scalar::new(), value);
         let rig = Rig::default();
@@ -173,7 +174,10 @@ proptest! {
         let obstacles = Arc::new(Obstacles::new(&walls, &rig).expect("it has walls"));
         let mut inside = Inside::new(Scalar::new(), &rig, &obstacles);
         let rims = Rims {
-            restitution: lanes(restitution),
+            restitution: Restitution {
+                    at_reference: lanes(restitution),
+                    falloff: lanes(falloff),
+                },
             friction: lanes(friction),
             ..Rims::new(Scalar::new(), &rig)
         };

@@ -285,6 +285,37 @@ proptest! {
             prop_assert_eq!(found, trial.run(engine));
         }
     }
+
+    #[test]
+    fn a_rougher_rim_is_a_rim_of_that_friction(own in 0.0..0.5_f64, increase in -0.5..0.5_f64) {
+        for (engine, _) in ENGINES {
+            let mut trial = Trial { start: [0.08, 0.0], velocity: [0.2, 0.1], ..Trial::level(30) };
+            trial.rig.board.wall_friction = own;
+            let found = trial.clone().with("wall_restitution", &[0.0, 0.0, increase]).run(engine);
+            trial.rig.board.wall_friction = (own + increase).max(0.0);
+            prop_assert_eq!(found, trial.run(engine));
+        }
+    }
+
+    #[test]
+    fn a_restitution_falls_with_a_power_of_the_speed(
+        expected in 0.45..0.95_f64, falloff in -0.5..1.0_f64, speed in 0.1..0.6_f64,
+    ) {
+        // e = own (v / 0.1 m/s)^-falloff. A marble that keeps more than 2/5 of its speed rolls away for good.
+        let own = expected * (speed / 0.1).powf(falloff);
+        prop_assume!(own <= 1.0);
+        for (engine, _) in ENGINES {
+            let start = [0.1, 0.0];
+            let mut trial = Trial { start, velocity: [speed, 0.0], ..Trial::level(14) };
+            trial.rig.board.wall_friction = 0.0;
+            trial.rig.board.wall_restitution = own;
+            let found = trial.clone().with("wall_restitution", &[0.0, falloff]).run(engine);
+            trial.rig.board.wall_restitution = expected;
+            let apart = found.iter().zip(trial.run(engine)).map(|(a, b)| (a[0] - b[0]).abs());
+            let most = apart.fold(0.0, f64::max);
+            prop_assert!(most < 1e-3 * speed * 14.0 * ROW, "{engine:?}: {most} m apart");
+        }
+    }
 }
 
 #[test]
