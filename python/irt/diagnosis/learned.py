@@ -71,19 +71,21 @@ class Corrections:
         found = [one for one in learned if one is not None]
         return max(found, key=lambda one: one.score, default=None)
 
-    def beat(self, best: Scored) -> bool:
-        """Whether one term in place of all effects is complete, and far more probable than a set that is not.
+    def beat(self, best: Scored, is_last: bool) -> bool:
+        """Whether a correction is complete, and far more probable than a set that is not.
 
         What one term explains has one cause, and more effects could only imitate it. But two of a kind, such
-        as drags, may be one term, so that two must have been tried, and several terms may imitate several
-        effects.
+        as drags, may be one term, so that two must have been tried. Several terms may imitate several
+        effects, and count if no further effect helps (`is_last`): then the correction is learned anyway,
+        unless little of the error remains.
         """
         if self.scores.is_whole(best):
             return False
-        found = self._with_one_term(self.scores.base())
-        if found is None or found.score < best.score + config.NEAR:
+        if is_last and best.fitted.noise < config.WORTH * self.scores.base().fitted.noise:
             return False
-        return Scores.of(found).is_whole(found)
+        found = [self.alone(), self.of(best)] if is_last else [self._with_one_term(self.scores.base())]
+        far = [one for one in found if one is not None and one.score > best.score + config.NEAR]
+        return any(Scores.of(one).is_whole(one) for one in far)
 
     def _another(self, parent: Scored, now: Scored) -> Scored | None:
         """Return the most probable set with one more term.

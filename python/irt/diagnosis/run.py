@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
@@ -71,10 +71,14 @@ def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
     selection = Selection(scores, hypotheses(dataset.rig.start), report)
     corrections = Corrections(scores, report)
     posterior = selection.run(corrections.beat)
-    relevance = Relevance(selection, posterior)
+    relevance, best = Relevance(selection, posterior), posterior.best
     report("relevance of effects")
-    kept, immaterial = relevance.kept(relevance.freed(posterior.best))
-    learned = _learned(relevance, corrections, kept, posterior.best)
+    learned, immaterial = None, frozenset[str]()
+    if len(best.effects) > 1 and corrections.beat(best, is_last=True):
+        learned = _more_probable(_corrected(selection, corrections, best), best)
+    if learned is None:
+        kept, immaterial = relevance.kept(relevance.freed(best))
+        learned = _learned(relevance, corrections, kept, best)
     if learned is not None:
         relevance = Relevance(selection, posterior.beside(learned))
         kept, more = relevance.kept(relevance.freed(learned))
@@ -95,18 +99,29 @@ def _learned(relevance: Relevance, corrections: Corrections, kept: Scored, best:
     approximate one. If the set needs no random push, but predicts held-out recordings clearly worse than the
     tracker sees them, only forces at the rim are learned: random rebounds and departures stand for them.
     """
-    scores, noise = relevance.selection.scores, kept.dataset.noise
-    error, before = (relevance.validation.of(one).mae for one in (kept, relevance.selection.baseline))
-    in_place = [relevance.selection.without(best, MAP)] if MAP in best.effects else []
+    selection, noise = relevance.selection, kept.dataset.noise
+    scores = selection.scores
+    error, before = (relevance.validation.of(one).mae for one in (kept, selection.baseline))
     is_random = JITTER in best.effects or not scores.is_whole(best)
     is_small = error < config.WORTH * before
-    if in_place or (is_random and not is_small):
-        parents = [one for one in dict.fromkeys([best, *in_place]) if one.effects]
-        found = [corrections.alone(), *(corrections.of(one) for one in parents)]
+    if MAP in best.effects or (is_random and not is_small):
+        found = _corrected(selection, corrections, best)
     elif is_small or error < (1.0 + config.EXCEEDS) * mean_absolute(noise):
         return None
     else:
         found = [corrections.at_rim(one) for one in dict.fromkeys([scores.base(), best])]
+    return _more_probable(found, best)
+
+
+def _corrected(selection: Selection, corrections: Corrections, best: Scored) -> list[Scored | None]:
+    """Return corrections in place of all effects, and beside those of a set and those that are no map."""
+    in_place = [selection.without(best, MAP)] if MAP in best.effects else []
+    parents = [one for one in dict.fromkeys([best, *in_place]) if one.effects]
+    return [corrections.alone(), *(corrections.of(one) for one in parents)]
+
+
+def _more_probable(found: Sequence[Scored | None], best: Scored) -> Scored | None:
+    """Return the most probable of some sets, if it is more probable than the best set."""
     better = [one for one in found if one is not None and one.score > best.score + config.SURE]
     return max(better, key=lambda one: one.score, default=None)
 

@@ -124,7 +124,7 @@ class Selection:
     _from_free_runs: set[frozenset[str]] = field(default_factory=set)
     _thorough: set[Scored] = field(default_factory=set)
 
-    def run(self, is_beaten: Callable[[Scored], bool] = lambda _: False) -> Posterior:
+    def run(self, is_beaten: Callable[[Scored, bool], bool] = lambda _, __: False) -> Posterior:
         """Add the effect with the largest gain, drop superfluous effects, then try replacements of each.
 
         A set with white residuals is complete, and only challenged by replacements, or by a law of impacts if
@@ -136,34 +136,46 @@ class Selection:
         Parameters
         ----------
         is_beaten : callable
-            Called with the best set of two effects or more; if it returns True, no more are added.
+            Called with the best set of two effects or more, and whether it has or refuses a slope map, the
+            last resort; if it returns True, no more are added.
         """
         best = self.scores.base()
         challenges = [self._rebounding, self._swapped, self.merged]
-        additions = [
-            self._grown,
-            self._grown_without_pull,
-            self._swapped,
-            self._mapped,
-            self._grown_from_rival,
-            self.merged,
-        ]
+        additions = [self._grown, self._grown_without_pull, self._swapped, self._mapped]
+        laborious = [self._grown_from_rival, self.merged]
         # Steps that were tried from a set are not repeated when the set comes back with a better fit.
         tried: set[tuple[str, frozenset[str]]] = set()
         better: Scored | None = best
         while better is not None:
-            own, better = frozenset(best.effects), None
-            for step in challenges if self.scores.is_whole(best) else additions:
-                if better is None and (step.__name__, own) not in tried:
-                    tried.add((step.__name__, own))
-                    better = step(best)
+            is_whole = self.scores.is_whole(best)
+            better = self._first_better(best, challenges if is_whole else additions, tried)
+            if better is None and not is_whole:
+                if len(best.effects) > 1 and is_beaten(best, True):
+                    break
+                better = self._first_better(best, laborious, tried)
             if better is not None:
                 best = self._pruned(better)
-                if len(best.effects) > 1 and is_beaten(best):
+                if len(best.effects) > 1 and is_beaten(best, MAP in best.effects):
                     break
         best = self._likelier_name(best)
         scored = [one for one in self.scores.known.values() if math.isfinite(one.score)]
         return Posterior(best, tuple(sorted(scored, key=lambda one: (-one.score, one.effects)) or [best]))
+
+    @staticmethod
+    def _first_better(
+        one: Scored,
+        steps: Sequence[Callable[[Scored], Scored | None]],
+        tried: set[tuple[str, frozenset[str]]],
+    ) -> Scored | None:
+        """Return the better set of the first step that finds one, of those not tried from this set."""
+        own = frozenset(one.effects)
+        for step in steps:
+            if (step.__name__, own) not in tried:
+                tried.add((step.__name__, own))
+                better = step(one)
+                if better is not None:
+                    return better
+        return None
 
     @functools.cached_property
     def baseline(self) -> Scored:
