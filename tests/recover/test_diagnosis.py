@@ -130,6 +130,18 @@ def test_a_law_of_impacts_that_depends_on_the_speed_is_found():
 
 
 @pytest.mark.slow
+def test_a_law_of_impacts_as_engines_differ_by_is_modelled_and_not_named():
+    law = {"increase": 0.12, "falloff": 0.6, "friction_increase": 0.4}
+    found = irt.diagnose(hidden({"name": "wall_restitution", **law}, runs=8, size=6.0))
+    assert (found.verdict, found.effects, found.inclusion) == ("sufficient", (), {})
+    (modelled,) = found.model.effects
+    assert modelled.name == "wall_restitution"
+    assert modelled.parameters["friction_increase"] == pytest.approx(0.4, abs=0.15)
+    assert any("Rebounds from the rim are predicted better" in note for note in found.notes)
+    assert found.base_heldout_mae == found.final_heldout_mae < 4.0 * FLOOR
+
+
+@pytest.mark.slow
 def test_where_nothing_is_hidden_nothing_is_named():
     found = irt.diagnose(hidden(seed=4))
     assert (found.verdict, found.effects, found.where) == ("sufficient", (), ())

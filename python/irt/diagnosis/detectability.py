@@ -26,16 +26,16 @@ _SURE = 0.84
 
 
 def detectability(scores: Scores, base: Scored) -> list[Power]:
-    """Return the smallest detectable size of each effect of the catalogue.
+    """Return the smallest detectable size of each effect of the catalogue that a set lacks.
 
-    To first order, the change of the predictions by an effect, beyond changes that the five parameters could
+    To first order, the change of the predictions by an effect, beyond changes that the set's parameters could
     explain, is compared with the score at which an effect is named.
     """
     screening, rig = Screening(scores, base), scores.dataset.rig
     return [
         one
         for name in hypotheses(rig.start)
-        if name != JITTER and not effect(name).shrunk
+        if name not in {JITTER, *base.effects} and not effect(name).shrunk
         for one in _of(
             screening, in_unit_of(rig, effect(name)), scores.price([name]) + config.SURE, scores.dataset.seed
         )
