@@ -137,6 +137,7 @@ def test_a_law_of_impacts_as_engines_differ_by_is_modelled_and_not_named():
     (modelled,) = found.model.effects
     assert modelled.name == "wall_restitution"
     assert modelled.parameters["friction_increase"] == pytest.approx(0.4, abs=0.15)
+    assert found.summary.startswith("The five parameters and a law of impacts explain the recordings")
     assert any("Rebounds from the rim are predicted better" in note for note in found.notes)
     assert found.base_heldout_mae == found.final_heldout_mae < 4.0 * FLOOR
 

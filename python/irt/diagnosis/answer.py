@@ -107,6 +107,7 @@ class Answer:
                 after=answer.mae,
                 heldout=is_held_out,
                 rest=self._rest,
+                impacts=len(self._names) < len(best.effects),
                 row_s=None if dataset.time_scale is not None else dataset.row_s(best.fitted),
             ),
             where=where,

@@ -30,7 +30,7 @@ _MORE = {
 }
 #: What is said without effects, around the errors.
 _NONE = {
-    "": ("The five parameters explain the recordings", "They reveal no missing physics."),
+    "": ("The five parameters{} explain the recordings", "They reveal no missing physics."),
     "push": ("No known effect explains the residuals of the five-parameter model", ""),
     "rim": (
         "Between impacts the five parameters explain the recordings; rebounds from the rim differ from what "
@@ -38,6 +38,8 @@ _NONE = {
         "",
     ),
 }
+#: What is added to them, if it is not named.
+_LAW = " and a law of impacts"
 #: Beginning of the note with the formula of a learned correction.
 LEARNED = "Learned correction, in SI units: "
 #: Fewest recordings, and fewest rows with a moving marble, for a diagnosis without a caveat.
@@ -52,6 +54,7 @@ def summary(
     after: float,
     heldout: bool,
     rest: Rest = "",
+    impacts: bool = False,
     row_s: float | None = None,
 ) -> str:
     """Return the result in one or two sentences.
@@ -68,6 +71,8 @@ def summary(
         Whether these are errors on held-out recordings.
     rest : {"", "push", "rim"}
         Origin of errors that are clearly more than noise: a random push, random rebounds alone, or none.
+    impacts : bool
+        Whether the model has a law of impacts that is not among the effects.
     row_s : float, optional
         Duration of a row in the simulation [s] if recordings have no stamps; times are then given in rows.
     """
@@ -78,7 +83,7 @@ def summary(
         )
         errors = f"({error}; tracker noise alone gives {floor})"
         before_errors, after_errors = _NONE[rest]
-        return f"{before_errors} {errors}. {after_errors}".rstrip()
+        return f"{before_errors.format(_LAW if impacts else '')} {errors}. {after_errors}".rstrip()
     one = len(effects) == 1
     named = listed(_shown(one, row_s) for one in effects)
     which = "held-out recordings" if heldout else "the only recording"
@@ -96,8 +101,8 @@ def summary(
             f"({_percent(before)} of the board's edge without, {_percent(after)} with)"
         )
     return (
-        f"The simulator lacks {named}: with {'it' if one else 'them'}, {what}; tracker noise alone gives "
-        f"{floor}.{ties}{more}"
+        f"The simulator lacks {named}: with {'it' if one else 'them'}{_LAW if impacts else ''}, {what}; "
+        f"tracker noise alone gives {floor}.{ties}{more}"
     )
 
 

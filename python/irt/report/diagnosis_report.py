@@ -373,9 +373,11 @@ def _errors_of(diagnosis: Diagnosis) -> tuple[float, float]:
 def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
     """Yield sentences on the certainty of the answer."""
     tried = [one for one in diagnosis.candidates if one.effects]
+    answer, ties = answers(diagnosis)
     if not diagnosis.effects:
-        if tried:
-            number = counted(len(tried), "hypothesis", "hypotheses")
+        refused = [one for one in tried if frozenset(one.effects) != answer]
+        if refused:
+            number = counted(len(refused), "hypothesis", "hypotheses")
             yield f"None of the {number} is supported by the recordings."
         else:
             yield "No effect of the catalogue promised to explain more than chance does, so none was fitted."
@@ -394,13 +396,12 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
                 f"Not unique: {others} instead of {plain(one.name)} explains these recordings as well. "
                 f"{one.reason}"
             )
-    answer, ties = answers(diagnosis)
     found = next((one for one in tried if frozenset(one.effects) == answer), None)
     # A hypothesis that contains the answer is no alternative to it.
     others_tried = [
         one for one in tried if not frozenset(one.effects) >= answer and frozenset(one.effects) not in ties
     ]
-    if found is not None and others_tried:
+    if diagnosis.effects and found is not None and others_tried:
         best = max(others_tried, key=evidence_for)
         ahead = evidence_for(found) - evidence_for(best)
         yield (
