@@ -49,6 +49,8 @@ endif
 test: | $(BIN)/python browser ## every test, Rust and Python
 # On a fresh machine the packages come down while Rust compiles.
 	$(MAKE) --jobs=2 $(PACKAGES) test-rust
+# The licences of crates that are not built here are checked, too.
+	-cargo fetch $(LOCKED)
 	$(MAKE) $(EXTENSION)
 	$(BIN)/python -m pytest -n 2 --hypothesis-profile ci
 

@@ -54,9 +54,14 @@ CATALOGUED = {
 }
 
 
-#: Switches of the engine for a world of rigid bodies: a heavy side is fixed in the marble, a knob passes
-#: through all angles of a turn.
-ANSWERS = {"eccentric_marble": {"follows_path": 0}, "spring_hysteresis": {"jumps": 0}}
+#: Parameters that a world of rigid bodies lacks, at their values there: a heavy side is fixed in the marble,
+#: a knob passes through all angles of a turn, a rim returns the same part at all speeds and rubs as the file
+#: says.
+ANSWERS = {
+    "eccentric_marble": {"follows_path": 0},
+    "spring_hysteresis": {"jumps": 0},
+    "wall_restitution": {"falloff": 0, "friction_increase": 0},
+}
 #: A marble with a heavy side, but for where that is.
 HEAVY = {"name": "eccentric_marble", "offset": 0.001}
 
