@@ -35,10 +35,14 @@ def entry(function: Callable[P, T]) -> Callable[P, T]:
             if name not in signature.parameters:
                 raise unknown_name(f"option of {function.__name__}", name, signature.parameters)
         try:
-            signature.bind(*args, **kwargs)
-        except TypeError as error:
-            raise IrtError(f"{function.__name__}: {error}") from error
-        return function(*args, **kwargs)
+            return function(*args, **kwargs)
+        except TypeError:
+            # Binding every call would take longer than a short batch of rollouts.
+            try:
+                signature.bind(*args, **kwargs)
+            except TypeError as error:
+                raise IrtError(f"{function.__name__}: {error}") from error
+            raise
 
     return call
 

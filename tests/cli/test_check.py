@@ -60,6 +60,7 @@ def test_no_fit_begins_on_them(irt, write_rig, simulated, tmp_path, verb):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_tune_passes_warnings_on(irt, write_rig, simulated, tmp_path):
     mirrored = {name: (knobs, marble * [-1.0, 1.0], t) for name, (knobs, marble, t) in simulated.items()}
     out = tmp_path / "out"

@@ -21,6 +21,7 @@ Inside = Callable[..., CompletedProcess[str]]
 LISTEN = '"$1" listen --seconds "$2" --out bags & "$3" "$4" points "$5" "$6" && wait $!'
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("cyclone")
 @pytest.mark.parametrize(("hz", "count"), [(100, 300), (1000, 3000)])
 def test_no_point_is_lost(rig: Path, inside: Inside, tmp_path: Path, hz: int, count: int) -> None:

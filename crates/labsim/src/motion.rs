@@ -90,26 +90,46 @@ impl<S: Simd> Restitution<Lanes<S>> {
         }
     }
 
-    /// The coefficients at approach speeds (m/s).
+    /// The coefficients at approach speeds (m/s) of marbles that meet a rim; others have any.
     #[inline(always)]
-    pub(crate) fn at(&self, speed: Lanes<S>) -> Lanes<S> {
-        self.by_lane(speed, Restitution::<f64>::at)
+    pub(crate) fn at(&self, speed: Lanes<S>, meets: Mask<S>) -> Lanes<S> {
+        self.by_lane(speed, meets, Restitution::<f64>::at)
     }
 
-    /// How much faster marbles leave for each m/s with which they arrive faster, at approach speeds (m/s).
+    /// How much faster marbles leave for each m/s with which they arrive faster, at approach speeds (m/s), if they meet a
+    /// rim; others have any.
     #[inline(always)]
-    pub(crate) fn slope_at(&self, speed: Lanes<S>) -> Lanes<S> {
-        self.by_lane(speed, Restitution::<f64>::slope_at)
+    pub(crate) fn slope_at(&self, speed: Lanes<S>, meets: Mask<S>) -> Lanes<S> {
+        self.by_lane(speed, meets, Restitution::<f64>::slope_at)
     }
 
+    /// Powers are slow, and few marbles meet a rim at a time.
     #[inline(always)]
-    fn by_lane(&self, speed: Lanes<S>, of: fn(&Restitution<f64>, f64) -> f64) -> Lanes<S> {
-        if !self.falloff.ne(speed.like(0.0)).any() {
+    fn by_lane(
+        &self,
+        speed: Lanes<S>,
+        meets: Mask<S>,
+        of: fn(&Restitution<f64>, f64) -> f64,
+    ) -> Lanes<S> {
+        let zero = speed.like(0.0);
+        let falls = meets & self.falloff.ne(zero);
+        if !falls.any() {
             return self.at_reference;
         }
+        let falls = falls.select(speed.like(1.0), zero).to_array();
+        let (at_reference, falloff) = (self.at_reference.to_array(), self.falloff.to_array());
         let speed = speed.to_array();
         Lanes::from_fn(self.falloff.simd(), |lane| {
-            of(&self.of_lane(lane), speed[lane])
+            let (at_reference, falloff) = (at_reference[lane], falloff[lane]);
+            if falls[lane] > 0.0 {
+                let own = Restitution {
+                    at_reference,
+                    falloff,
+                };
+                of(&own, speed[lane])
+            } else {
+                at_reference
+            }
         })
     }
 }

@@ -228,7 +228,7 @@ class Answer:
         if not self._names and self._is_whole:
             return ()
         base, sources = self._base.fitted, self._sources(self._base)
-        named = () if UNLISTED in self._best.effects or self._is_pushed else self._best.effects
+        named = () if UNLISTED in self._names or self._is_pushed else self._names
         return (
             *self._needed_before.findings(CLEAR),
             *variables(self._best.terms, sources),

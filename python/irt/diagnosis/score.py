@@ -118,8 +118,8 @@ class Scored:
         return not self.errs_more_than(self.dataset.noise)
 
     def errs_more_than(self, noise: float) -> bool:
-        """Whether free runs have clearly more than this noise [board edges]."""
-        return self.fitted.noise >= (1.0 + config.EXCEEDS) * noise
+        """Whether free runs have clearly more than this noise [board edges], or an unknown one."""
+        return not self.fitted.noise < (1.0 + config.EXCEEDS) * noise
 
 
 @functools.cache

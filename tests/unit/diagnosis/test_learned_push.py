@@ -69,6 +69,7 @@ def test_a_push_by_the_tilt_is_found(plant):
     assert first.variable == "command"
 
 
+@pytest.mark.slow
 def test_drag_is_a_power_of_the_speed(plant):
     dataset = plant([{"name": "viscous_drag", "rate_per_s": 1.0}], runs=6, rows=120)
     first = likeliest(dataset)

@@ -36,10 +36,11 @@ def runs(effects: list[dict], count: int, seed: int, rows: int = 80) -> list[Rec
     return found
 
 
-def task(*effects: dict) -> tuple[Task, list[Recording]]:
+def task(*effects: dict, count: int = 6, rows: int = 80) -> tuple[Task, list[Recording]]:
     """Return a task whose base model is right but for the effects, and the tests as they went."""
-    rig = Rig(Path("rig"), Board(), Marble(), "rest", dict(RANGES), tuple(runs(list(effects), 6, 1)))
-    tests = runs(list(effects), 2, 2)
+    recordings = tuple(runs(list(effects), count, 1, rows))
+    rig = Rig(Path("rig"), Board(), Marble(), "rest", dict(RANGES), recordings)
+    tests = runs(list(effects), 2, 2, rows)
     base = Model.from_rig(rig, VALUES, time_step="continuous")
     blank = []
     for test in tests:
@@ -53,10 +54,13 @@ def error(entry: Entry, tests: list[Recording]) -> float:
     return float(np.mean([np.abs(entry.predictions[test.name] - test.marble).mean() for test in tests]))
 
 
+#: A bowl.
+WARP = {"name": "board_warp", **{one.name: 0.3 * one.high for one in effect("board_warp").parameters}}
+
+
 @pytest.fixture(scope="module")
 def warped() -> tuple[Task, list[Recording]]:
-    parameters = effect("board_warp").parameters
-    return task({"name": "board_warp", **{one.name: 0.3 * one.high for one in parameters}})
+    return task(WARP)
 
 
 def test_a_gaussian_process_learns_a_bowl(warped) -> None:
@@ -92,8 +96,8 @@ def test_pysindy_that_is_not_there_says_so(monkeypatch: pytest.MonkeyPatch, warp
 
 
 @pytest.mark.slow
-def test_a_network_learns_a_bowl(warped) -> None:
-    given, tests = warped
+def test_a_network_learns_a_bowl() -> None:
+    given, tests = task(WARP, count=4, rows=50)
     entry = neural.enter(given)
     assert (entry.detected, entry.named) == (None, None)
     assert error(entry, tests) < 0.7 * error(alone.enter(given), tests)
@@ -101,7 +105,7 @@ def test_a_network_learns_a_bowl(warped) -> None:
 
 @pytest.mark.slow
 def test_a_network_leaves_a_right_model_alone() -> None:
-    given, tests = task()
+    given, tests = task(count=4, rows=50)
     assert error(neural.enter(given), tests) < 1.5 * error(alone.enter(given), tests)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from irt.model import Model
 from irt.proof.baselines.entry import Entry, Task, by_name
-from irt.proof.baselines.residual_push import advance, features, histories, predicted_with
+from irt.proof.baselines.residual_push import advance, features, histories, predicted_with, without_effects
 from irt.proof.baselines.smooth import WINDOW, Smoothed, smoothed
 
 Array = NDArray[np.float64]
@@ -102,7 +102,7 @@ def _error(task: Task, rows: Sequence[tuple[Array, Array]], length: float, noise
 
 def _rows(base: Model, run: Smoothed) -> tuple[Array, Array]:
     """Return inputs (k, 8) and residual accelerations of the base model (k, 2), without the ends."""
-    after = advance(base, run.states[:-1], run.knobs[:-1], run.row_s)
+    after = advance(without_effects(base), run.states[:-1], run.knobs[:-1], run.row_s)
     push = (run.states[1:, 2:] - after[:, 2:]) / run.row_s
     edge = min(WINDOW // 2, (len(push) - 1) // 2)
     inner = slice(edge, len(push) - edge)

@@ -72,10 +72,11 @@ def stepped(push: Push, base: Model, starts: Array, signals: tuple[Array, Array]
     """
     reach, states = base.reach, starts
     knobs, commands = signals
+    level = without_effects(base)
     path = [states[:, :2]]
     for row in range(knobs.shape[1] - 1):
         pushed = push(features(states, commands[:, row]))
-        after = advance(base, states, knobs[:, row], row_s)
+        after = advance(level, states, knobs[:, row], row_s)
         moved = after[:, :2] + 0.5 * pushed * row_s**2
         inside = np.clip(moved, -reach, reach)
         rate = np.where(inside == moved, after[:, 2:] + pushed * row_s, 0.0)
@@ -84,18 +85,19 @@ def stepped(push: Push, base: Model, starts: Array, signals: tuple[Array, Array]
     return np.stack(path, axis=1)
 
 
-def advance(base: Model, states: Array, knobs: Array, row_s: float) -> Array:
-    """Return the states (w, 4) after a row of the base model, from (w, 4) states under (w, 2) commands."""
+def without_effects(base: Model) -> Model:
+    """Return the base model for marbles in motion, as `advance` takes it."""
+    parameters = {name: Parameter(one.value) for name, one in base.parameters.items()}
+    return replace(base, start="moving", effects=(), parameters=parameters)
+
+
+def advance(level: Model, states: Array, knobs: Array, row_s: float) -> Array:
+    """Return the states (w, 4) after a row of a model without effects, for (w, 4) states, (w, 2) commands."""
     part = row_s / _PARTS
     inputs = Inputs.of_whole(
         np.repeat(knobs[:, None], _PARTS + 1, axis=1), np.full((len(knobs), _PARTS + 1), part)
     )
-    level = replace(base, start="moving", effects=(), parameters=_closed(base))
     path = simulate(level, inputs, states, threads=1)
     # Exact under constant acceleration.
     speed = (3.0 * path[:, -1] - 4.0 * path[:, -2] + path[:, -3]) / (2.0 * part)
     return np.concatenate([path[:, -1], speed], axis=1)
-
-
-def _closed(base: Model) -> dict[str, Parameter]:
-    return {name: Parameter(one.value) for name, one in base.parameters.items()}

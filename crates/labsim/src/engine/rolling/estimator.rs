@@ -185,8 +185,8 @@ impl<S: Simd> Estimator<S> {
         rests
     }
 
-    /// Lets a row make the marbles uncertain: pushes, turns of the board, rests, and walls; returns with which probability
-    /// walls along x and along y were met.
+    /// Lets a row make the marbles uncertain: pushes, turns of the board, rests, and walls; returns which share of an
+    /// additional speed along x and along y is expected to be left behind a wall.
     #[inline(always)]
     fn grow(&mut self, lasted: &Row<S>, tilt: &Pair<S>, rims: &Rims<S>, rests: Mask<S>) -> Pair<S> {
         let (seconds, variances) = (lasted.seconds, &self.variances);
@@ -213,15 +213,19 @@ impl<S: Simd> Estimator<S> {
             let towards = (velocity * place).gt(zero);
             met[axis] = towards.select(covariance.beyond(end.abs() - reach), zero);
         }
+        let mut carried = [zero; 2];
         for axis in 0..2 {
             let covariance = &mut self.axes[axis];
-            let rebound = rims.restitution.slope_at(self.velocity[axis]);
-            covariance.bounce(met[axis], self.velocity[axis], rebound, variances);
+            let speed = self.velocity[axis];
+            let rebound = rims.restitution.slope_at(speed, met[axis].gt(zero));
+            covariance.bounce(met[axis], speed, rebound, variances);
             // Coulomb's law: friction goes with the impulse, and is as uncertain.
             let along = rims.friction * self.velocity[1 - axis];
             covariance.graze(met[1 - axis], along, variances);
+            let one = seconds.like(1.0);
+            carried[axis] = one - met[axis] * (one + rebound);
         }
-        met
+        carried
     }
 }
 
@@ -262,7 +266,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         let seconds = of_job(&length);
         let lasted = estimator.lasted(seconds, group, &length);
         let rests = estimator.resting(marbles);
-        let met = estimator.grow(&lasted, tilt, rims, rests);
+        let carried = estimator.grow(&lasted, tilt, rims, rests);
         estimator.start.advance(seconds);
         let at_rest = estimator.stop.places();
         let places = [&mut marbles.x, &mut marbles.y];
@@ -320,7 +324,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
             let went = [
                 estimator.variances.push * seconds,
                 (rests | estimator.stop.found()).select(one, one.like(0.0)),
-                one - met[axis] * (one + rims.restitution.slope_at(estimator.velocity[axis])),
+                carried[axis],
                 edges_per_m,
             ];
             let known = [*pull, *lasting, off, weight];

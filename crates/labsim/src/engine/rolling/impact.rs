@@ -70,7 +70,8 @@ pub(super) fn meet_rim<S: Simd>(
     let side = vx.gt(zero).select(one, -one);
     let hits = ((x + vx * push.length) * side).ge(reach);
     // What leans on the rim already is pressed to it and does not bounce.
-    let restitution = (x * side).ge(reach).select(zero, rims.restitution.at(vx));
+    let leans = (x * side).ge(reach);
+    let restitution = leans.select(zero, rims.restitution.at(vx, hits & !leans));
     let impulse = (one + restitution) * vx.abs();
     // Velocity of the marble's surface where it touches the rim.
     let (along, up) = (vy + side * marbles.spin, -(side * sx));
