@@ -9,6 +9,8 @@ from irt.catalogue import effect
 from irt.diagnosis import config
 from irt.diagnosis.budget import REST, TRACKER, twins_of
 from irt.diagnosis.run import diagnose
+from irt.diagnosis.score import Scores
+from irt.diagnosis.selection import Selection
 from irt.residual import evaluate
 
 BIAS = {"name": "tilt_bias", "bias_x_rad": 0.0015, "bias_y_rad": -0.001}
@@ -209,3 +211,17 @@ def test_a_model_predicts_its_own_twins_as_well_as_noise_allows(plant):
     assert evaluate(model, twins).mae == pytest.approx(2e-3 * np.sqrt(2.0) * np.sqrt(2.0 / np.pi), rel=0.15)
     for twin, recording in zip(twins, dataset.rig.recordings, strict=True):
         np.testing.assert_array_equal(twin.knobs, recording.knobs)
+
+
+@pytest.mark.slow
+def test_an_answer_without_effects_predicts_as_well_as_least_squares(plant):
+    """Under a push that outweighs the drive, the likeliest five parameters predict worse."""
+    dataset = plant(runs=3, rows=60, seed=9, pushed=2.0)
+    selection = Selection(Scores(dataset), (), lambda _text: None)
+    likeliest, predicts = (
+        selection.validation.of(one).mae for one in (selection.scores.base(), selection.baseline)
+    )
+    assert predicts < 0.9 * likeliest
+    found = diagnose(dataset.rig)
+    assert found.effects == ()
+    assert found.final_heldout_mae == found.base_heldout_mae == pytest.approx(predicts)
