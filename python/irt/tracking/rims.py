@@ -96,16 +96,15 @@ def light_of(levels: Values) -> Values:
     return np.asarray(255.0 * (np.clip(levels, 0.0, 255.0) / 255.0) ** POWER, dtype=np.float32)
 
 
-def disc_by_rims(usual: Values, board: Values, covers: Laid, noise: float) -> Disc:
-    """Return the marble's disc.
+def discs_by_rims(usual: Values, board: Values, covers: Laid, noise: float) -> list[tuple[float, Disc]]:
+    """Return the discs that rims are led to, each after its misfit, minus twice a logarithm of a likelihood.
 
     Parameters
     ----------
     usual, board : (n, n, 3) float32 arrays
         The usual picture, and the usual board without a marble, `FINE` samples to a pixel [levels].
     covers : Laid
-        What the marble covers. The rims are followed from there, and from the picture's middle; the disc is
-        taken that rims and what is covered miss less.
+        What the marble covers. The rims are followed from there, and from the picture's middle.
     noise : float
         Standard deviation of a colour [levels].
     """
@@ -117,7 +116,7 @@ def disc_by_rims(usual: Values, board: Values, covers: Laid, noise: float) -> Di
             missed, disc = _followed(pictures, disc, covers.radius, noise)
         away = np.hypot(disc.x - covers.x, disc.y - covers.y) / covers.radius
         found.append((missed / TOGETHER + (away / COVERS) ** 2, disc))
-    return min(found, key=lambda one: one[0])[1]
+    return found
 
 
 def _followed(pictures: _Pictures, disc: Disc, known: float, noise: float) -> tuple[float, Disc]:
