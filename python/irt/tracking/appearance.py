@@ -85,7 +85,8 @@ class Appearance:
     apart : float
         How far the middle of its rim is from that of what it covers [pixels].
     error : float
-        Standard error of its middle, where only its shape shows that [pixels].
+        Standard error of its middle where rims do not show that on all sides, or where it may be a shadow
+        [pixels].
     shift : (dx, dy)
         From where its views had its middle to where that is, on average, where the scale is 1 [pixels].
     """

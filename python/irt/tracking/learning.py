@@ -384,6 +384,11 @@ def _looked(
     laid = Thrown((0.0, 0.0), 0.5)
     if len(seen) >= FEWEST:
         laid = ball_or_shadow(plain.pictures, seen, plain.known(known), foot)
+    if laid.shadow > FAINT_SHADOW:
+        # The ball is where the other explanation has it with that probability.
+        error = float(np.sqrt(laid.shadow)) * laid.apart * appearance.radius
+        appearance = replace(appearance, error=max(appearance.error, error))
+        learned = replace(learned, appearance=appearance)
     first = _first(pictures, clear, tracker)
     return replace(learned, first=first, usual=usual, shadow=laid.shadow), laid.ball
 

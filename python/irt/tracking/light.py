@@ -25,8 +25,8 @@ CELLS = 2
 WINDOW = 11
 #: What is read around a place whose light is asked for, in radii: the window's half, and a margin.
 AROUND = 4.5
-#: Light that differs within a picture by more than this is not steady: 14 levels of 255 are what a candidate
-#: for a marble differs by at least (`irt.tracking.learning`).
+#: Light that differs from the usual one by more than this is not steady: 14 levels of 255 are what a
+#: candidate for a marble differs by at least (`irt.tracking.learning`).
 STEADY = 14.0 / 255.0
 #: Light over the usual one is counted in steps of this, in 8 bits: to 4 times the usual one.
 COUNTS = 64.0
@@ -77,9 +77,6 @@ class Light:
 
 
 def is_steady(pictures: Sequence[Picture], light: Light, box: Box) -> bool:
-    """Return whether no shadow passes: whether all of the board has more light, or less, at a time."""
-    apart = []
-    for picture in pictures:
-        share = light.share(picture, box)[::4, ::4]
-        apart.append(np.quantile(np.abs(np.log(share / np.median(share))), 0.9))
+    """Return whether the light stays: whether no shadow passes, and neither lamps nor exposure change it."""
+    apart = [np.quantile(np.abs(np.log(light.share(picture, box)[::4, ::4])), 0.9) for picture in pictures]
     return bool(np.quantile(apart, 0.9) < STEADY)

@@ -104,10 +104,13 @@ class Thrown:
         The ball's middle from that of the picture [radii].
     shadow : float
         The chance that the shadow is in the picture's middle, and not the ball.
+    apart : float
+        How far the balls of the two explanations are apart [radii]; 0 if only one was laid.
     """
 
     ball: tuple[float, float]
     shadow: float
+    apart: float = 0.0
 
 
 def ball_by_shading(light: Values, board: Values, covers: Laid, foot: tuple[float, float]) -> Shaded:
@@ -162,7 +165,8 @@ def ball_and_shadow(light: Values, board: Values, radius: float, foot: tuple[flo
     beside = laid("shadow", [(-radius * (x + foot[0]), -radius * (y + foot[1]), x, y) for x, y in asides])
     ratio = beside.left / here.left
     ball = (here if ratio > 1.0 else beside).ball
-    return Thrown((ball.x / radius, ball.y / radius), float(1.0 / (1.0 + ratio**DECISIVE)))
+    apart = float(np.hypot(here.ball.x - beside.ball.x, here.ball.y - beside.ball.y))
+    return Thrown((ball.x / radius, ball.y / radius), float(1.0 / (1.0 + ratio**DECISIVE)), apart / radius)
 
 
 def thrown(pictures: Values, boards: Values, radius: float, foot: tuple[float, float]) -> Thrown:

@@ -245,8 +245,9 @@ class Tracker:
         """Add what is like the marble in a box of the picture, but for what was tried."""
         near = CLOSE * self.learned.radius
         for x, y in self.learned.finder.places(picture, box, most):
-            # A match that was given up says nothing of the place where it was.
-            if all(np.hypot(x - one.x, y - one.y) > near for one in tried if one.confidence > 0.0):
+            # A match that is not clear may have begun too far from the marble, and ended beside it.
+            clear = [one for one in tried if one.confidence >= self._clear]
+            if all(np.hypot(x - one.x, y - one.y) > near for one in clear):
                 tried.append(self.match(picture, x, y))
 
     def everywhere(self, picture: Picture, tried: list[Match] | None = None) -> list[Match]:
