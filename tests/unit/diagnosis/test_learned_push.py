@@ -37,6 +37,7 @@ def learned(dataset):
     return base, Corrections(Scores.of(base), quiet).of(base)
 
 
+@pytest.mark.slow
 def test_a_wave_over_the_board_is_found_with_its_length(plant):
     dataset = plant([wave()], runs=6)
     first = likeliest(dataset)
@@ -46,6 +47,7 @@ def test_a_wave_over_the_board_is_found_with_its_length(plant):
     )
 
 
+@pytest.mark.slow
 def test_a_push_that_comes_and_goes_with_time_is_found_with_its_rate(plant):
     gust = {"name": UNLISTED, "push_1_y_m_per_s2": 0.02, "rate_1_per_s": 9.0}
     dataset = plant([gust], runs=6)
@@ -57,6 +59,7 @@ def test_a_push_that_comes_and_goes_with_time_is_found_with_its_rate(plant):
     assert first.values["rate_1_per_s"] * time_scale == pytest.approx(9.0 * 15.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_push_by_the_tilt_is_found(plant):
     swing = {
         "name": UNLISTED,
@@ -78,6 +81,7 @@ def test_drag_is_a_power_of_the_speed(plant):
     assert first.values["drag_power"] in {0.5, 1.0, 1.5}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_noise_has_no_likely_term(plant, seed):
     assert likely(plant(runs=6, seed=seed)) == []

@@ -37,6 +37,7 @@ def test_distinct_maxima_come_the_best_first_and_never_without_a_score(plant):
     assert len(shown) == len(set(shown))
 
 
+@pytest.mark.slow
 def test_a_lean_shows_once_no_slow_push_absorbs_it(plant):
     scores = Scores(plant([BIAS], runs=4))
     base = scores.base()

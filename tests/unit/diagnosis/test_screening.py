@@ -16,6 +16,7 @@ def screened(dataset):
     return Screening(scores, scores.base())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "values"),
     [
@@ -41,6 +42,7 @@ def test_where_nothing_acts_no_effect_promises_much(plant):
     assert best.gain < 12.0
 
 
+@pytest.mark.slow
 def test_a_bump_is_looked_for_where_it_is(plant):
     bump = {"name": "bump", "x_m": 0.02, "y_m": -0.015, "height_m": 3e-4, "width_m": 0.02}
     (promise,) = screened(plant([bump], runs=6, stamped=True)).promises(["bump"])

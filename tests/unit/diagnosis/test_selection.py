@@ -106,6 +106,7 @@ def test_two_effects_that_imitate_a_third_are_merged(plant, beside):
     assert merged.score > imitated.score + config.NEAR
 
 
+@pytest.mark.slow
 def test_effects_are_compared_with_the_five_parameters_that_predict_best(plant):
     """Not with those that are likeliest, because correlated noise may be the whole path there."""
     scores = Scores(plant([BIAS]))
@@ -147,6 +148,7 @@ def test_the_same_delay_each_time_does_not_differ(plant):
     assert posterior.any_of(["delay_jitter"]) < 0.05
 
 
+@pytest.mark.slow
 def test_the_push_that_a_set_needs_shrinks_with_the_right_effect(plant):
     scores = Scores(plant([DELAY], stamped=True))
     base = scores.base()

@@ -75,6 +75,7 @@ def test_a_set_is_fitted_once(plant):
     assert validation.of(one) is validation.of(one)
 
 
+@pytest.mark.slow
 def test_a_set_is_better_where_the_recordings_agree(plant):
     one = fitted(plant([DRAG], runs=4, rows=60, stamped=True))
     base = Scores(one.dataset).base()
@@ -86,6 +87,7 @@ def test_a_set_is_better_where_the_recordings_agree(plant):
     assert not validation.is_better(alone, Scores(alone.dataset).base())
 
 
+@pytest.mark.slow
 def test_held_out_recordings_are_likelier_with_what_acts(plant):
     one = fitted(plant([DRAG], runs=4, rows=80, stamped=True))
     base = Scores(one.dataset).base()
@@ -128,6 +130,7 @@ class RefittedElsewhere(Validation):
         return replace(found, fits=fits)
 
 
+@pytest.mark.slow
 def test_no_recording_gains_by_the_refits_of_the_other_set(plant):
     one = fitted(plant([DRAG], runs=4, rows=60, stamped=True))
     base = Scores(one.dataset).base()

@@ -114,6 +114,7 @@ def test_a_marble_in_a_hole_is_not_used(recordings) -> None:
     assert [one.has_marble for one in without_held_marbles(rig).recordings] == [False, True, True, True]
 
 
+@pytest.mark.slow
 def test_gaps_of_the_tilt_cost_little(recordings) -> None:
     def gappy(recording):
         tilt = recording.tilt.copy()

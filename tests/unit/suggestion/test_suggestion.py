@@ -107,6 +107,7 @@ def test_what_is_promised_is_what_refits_find(lagging: Rig, lag_or_delay, sugges
     assert suggested > random + 0.5 * suggestion.separation[0].nats
 
 
+@pytest.mark.slow
 def test_viscous_is_separated_from_quadratic_drag() -> None:
     viscous, quadratic = (
         Effect("viscous_drag", {"rate_per_s": 0.15}),
