@@ -54,13 +54,10 @@ def error(entry: Entry, tests: list[Recording]) -> float:
     return float(np.mean([np.abs(entry.predictions[test.name] - test.marble).mean() for test in tests]))
 
 
-#: A bowl.
-WARP = {"name": "board_warp", **{one.name: 0.3 * one.high for one in effect("board_warp").parameters}}
-
-
 @pytest.fixture(scope="module")
 def warped() -> tuple[Task, list[Recording]]:
-    return task(WARP)
+    parameters = effect("board_warp").parameters
+    return task({"name": "board_warp", **{one.name: 0.3 * one.high for one in parameters}})
 
 
 def test_a_gaussian_process_learns_a_bowl(warped) -> None:
@@ -96,8 +93,8 @@ def test_pysindy_that_is_not_there_says_so(monkeypatch: pytest.MonkeyPatch, warp
 
 
 @pytest.mark.slow
-def test_a_network_learns_a_bowl() -> None:
-    given, tests = task(WARP, count=4, rows=50)
+def test_a_network_learns_a_bowl(warped) -> None:
+    given, tests = warped
     entry = neural.enter(given)
     assert (entry.detected, entry.named) == (None, None)
     assert error(entry, tests) < 0.7 * error(alone.enter(given), tests)
