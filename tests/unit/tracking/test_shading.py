@@ -83,6 +83,7 @@ def test_what_is_in_the_middle_is_found(found: str, off: tuple[float, float]) ->
     laid = ball_and_shadow(light, board, RADIUS * FINE_ENOUGH, FOOT)
     assert laid.ball == pytest.approx(tuple(ball), abs=0.25)
     assert (laid.shadow > 0.8) if found == "shadow" else (laid.shadow < 0.2)
+    assert laid.apart > 0.5
 
 
 def levels(light: np.ndarray) -> np.ndarray:

@@ -101,3 +101,8 @@ def test_a_marble_of_another_size_is_not_it(learned) -> None:
     right = appearance.match(picture, board, (24.0, 24.0), 1.0)
     wrong = appearance.match(picture, board, (24.0, 24.0), 1.4)
     assert wrong.confidence < 0.7 * right.confidence
+
+
+def test_the_error_of_what_mirrors_its_board_is_larger(learned) -> None:
+    appearance, colour = learned
+    assert appearance.error == pytest.approx(0.1 * RADIUS if colour is steel else 0.0)
