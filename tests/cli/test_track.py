@@ -62,6 +62,8 @@ def test_images_become_a_recording(irt, filmed, tracked) -> None:
     page = (out / "run-1-report.html").read_text()
     # Four letters of a picture's data may spell it, too.
     words = re.sub(r"base64,[A-Za-z0-9+/=]+", "", page)
+    assert f"{written['budget_mm']['total']:.2f} mm" in words
+    assert "What may be wrong with this track?" not in words
     assert "http" not in words.replace("http-equiv", "").replace("http://www.w3.org", "")
     assert cv2.imread(str(out / "run-1-unsure.png")) is not None
     video = cv2.VideoCapture(str(out / "run-1-overlay.mp4"))

@@ -204,6 +204,7 @@ def _track(args: argparse.Namespace) -> None:
 def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
     """Return the lines of the printed summary."""
     from irt.report.words import counted
+    from irt.tracking.doubts import doubts
 
     mm = 1000.0 * board.edge_x_m
     lines = [
@@ -230,7 +231,7 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
     parts = ", ".join(f"{name} {value:.2f}" for name, value in summary.budget.parts.items())
     unknown = f"; unknown: {', '.join(summary.budget.unknown)}" if summary.budget.unknown else ""
     lines.append(f"standard error on the board {summary.budget.total:.2f} mm: {parts}{unknown}")
-    lines += _warnings(summary)
+    lines += [f"warning: {one}" for one in doubts(summary)]
     if summary.moving:
         lines.append('the marble moves in the first picture: set [recordings] start = "moving" in rig.toml')
     return lines
@@ -238,44 +239,6 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
 
 #: Largest share of uneven intervals of a constant frame rate; cameras drop a picture now and then.
 _UNEVEN = 0.05
-#: Warn if the corners are less certain than this [mm], the allowed error of the marble's position.
-_CORNERS_MM = 0.5
-#: Warn if the probability of a shadow is larger.
-_SHADOW = 0.05
-
-
-def _warnings(summary: Summary) -> list[str]:
-    """Return the warnings to check before the positions are used."""
-    from irt.tracking.budget import DISAGREE
-
-    lines = []
-    for first, count, start, end in summary.away:
-        lines.append(
-            f"warning: the board is displaced in pictures {first + 1} to {first + count} "
-            f"({start:.2f} to {end:.2f} s): it left the view, it or the camera was moved, or its sides "
-            "are covered; these rows are left empty: split the video there"
-        )
-    for first, count, start, end in summary.still:
-        lines.append(
-            f"warning: the camera froze in pictures {first + 1} to {first + count} ({start:.2f} to "
-            f"{end:.2f} s): they all show the same picture; these rows are left empty"
-        )
-    if summary.corners_mm > _CORNERS_MM:
-        lines.append(
-            f"warning: the board's corners are uncertain by {summary.corners_mm:.1f} mm: check the "
-            "overlay, and set them with --corners if they are wrong"
-        )
-    if summary.disagree > DISAGREE:
-        lines.append(
-            f"warning: the marble's edge and its filled area disagree by {summary.disagree:.2f} radii: a "
-            "shadow may be taken for part of it; check the overlay, and set its position with --marble"
-        )
-    if summary.shadow > _SHADOW:
-        lines.append(
-            f"warning: the probability is {100 * summary.shadow:.0f} % that this is the marble's shadow: "
-            "check the overlay, and set the marble's position with --marble"
-        )
-    return lines
 
 
 def _numbers(text: str, count: int) -> tuple[float, ...]:

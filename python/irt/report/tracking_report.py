@@ -15,6 +15,8 @@ from irt.report import style
 from irt.report.page import Picture, Table, write_page
 from irt.report.plots import TICKS
 from irt.report.words import counted, millimetres, percent, versions
+from irt.tracking.budget import Budget
+from irt.tracking.doubts import doubts
 from irt.tracking.recorded import Summary, Timed
 from irt.tracking.run import Track
 
@@ -22,6 +24,15 @@ Array = NDArray[np.float64]
 
 #: Most gaps that are listed.
 _LISTED = 12
+#: What adds to the error of a position, in words.
+_PARTS = {
+    "corners": "the board's corners",
+    "lens": "the lens",
+    "height": "the height of the marble above the board",
+    "tilt": "the tilt of the board",
+    "marble": "the marble's middle in its picture",
+    "noise": "noise from picture to picture",
+}
 
 
 def write_tracking_report(
@@ -62,7 +73,9 @@ def write_tracking_report(
         lead=_lead(summary, edge_m),
         stopped=track.stopped,
         key_figures=_figures(summary, edge_m),
+        doubts=doubts(summary),
         path=_path(folder, track),
+        errors=_errors(summary.budget),
         confidence=_confidence(folder, track),
         lost=_lost(track),
         timing=_timing(track, summary, timed),
@@ -74,10 +87,12 @@ def write_tracking_report(
 
 def _lead(summary: Summary, edge_m: float) -> str:
     """Return the summary of the track."""
-    noise = f"{summary.noise * summary.pixels_per_edge:.2f} pixels, {millimetres(summary.noise, edge_m)}"
+    largest = next(iter(summary.budget.parts))
     return (
-        f"The marble was found in {summary.seen:,} of {counted(summary.pictures, 'picture')}. The noise of "
-        f"its position is {noise} on the board. Rows in which the tracker was uncertain are empty."
+        f"The marble was found in {summary.seen:,} of {counted(summary.pictures, 'picture')}. The standard "
+        f"error of a position on the board is {summary.budget.total:.2f} mm, most of it by "
+        f"{_PARTS[largest]}; from picture to picture it is {millimetres(summary.noise, edge_m)}. Rows in "
+        "which the tracker was uncertain are empty."
     )
 
 
@@ -85,6 +100,7 @@ def _figures(summary: Summary, edge_m: float) -> list[tuple[str, str]]:
     longest = summary.lost[0][1] if summary.lost else 0
     figures = [
         (f"{100 * summary.detection:.2f} %", "of the pictures show the marble"),
+        (f"{summary.budget.total:.2f} mm", "standard error of a position on the board"),
         (f"{summary.noise * summary.pixels_per_edge:.2f} px", f"noise, {percent(summary.noise)} of the edge"),
         (f"{longest}", "pictures in the longest gap"),
     ]
@@ -97,6 +113,19 @@ def _figures(summary: Summary, edge_m: float) -> list[tuple[str, str]]:
             )
         )
     return figures
+
+
+def _errors(budget: Budget) -> Table:
+    """Return what adds to the error of a position on the board."""
+    rows = [[_PARTS[name], f"{value:.2f} mm"] for name, value in budget.parts.items()]
+    rows += [[_PARTS[name], "unknown"] for name in budget.unknown]
+    return Table(
+        "Standard errors of a position. Noise and tilt differ from picture to picture, all else stays.",
+        ["by", "error"],
+        [*rows, ["together", f"{budget.total:.2f} mm"]],
+        total=True,
+        words=(0,),
+    )
 
 
 def _path(folder: Path, track: Track) -> list[Picture]:

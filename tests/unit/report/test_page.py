@@ -115,9 +115,10 @@ def test_every_text_is_escaped():
     assert outline.text.count(HOSTILE) == 11
     nothing = {"timing": {}, "geometry": {}, "settings": {}, "path": (), "confidence": (), "lost": None}
     tracked = {"title": "t", "lead": "l", "stopped": HOSTILE, "key_figures": [(HOSTILE, HOSTILE)]}
-    outline = Outline(render("tracking.html", **tracked, **nothing))
+    errors = Table(HOSTILE, [HOSTILE], [[HOSTILE]])
+    outline = Outline(render("tracking.html", **tracked, **nothing, doubts=[HOSTILE], errors=errors))
     assert outline.named("script") == []
-    assert outline.text.count(HOSTILE) == 3
+    assert outline.text.count(HOSTILE) == 7
 
 
 def test_what_a_template_needs_and_does_not_get_is_an_error():
@@ -197,7 +198,8 @@ def test_page_is_written_whole(tmp_path):
         "lead": "\u00b1 5 %",
         "stopped": "",
         "lost": None,
-        **dict.fromkeys(("key_figures", "path", "confidence"), ()),
+        **dict.fromkeys(("key_figures", "path", "confidence", "doubts"), ()),
+        "errors": Table("standard errors", ["by", "error"], [["noise", "0.1 mm"]]),
         "timing": {},
         "geometry": {},
         "settings": {},
