@@ -117,18 +117,12 @@ impl<S: Simd> Restitution<Lanes<S>> {
             return self.at_reference;
         }
         let falls = falls.select(speed.like(1.0), zero).to_array();
-        let (at_reference, falloff) = (self.at_reference.to_array(), self.falloff.to_array());
-        let speed = speed.to_array();
+        let (at_reference, speed) = (self.at_reference.to_array(), speed.to_array());
         Lanes::from_fn(self.falloff.simd(), |lane| {
-            let (at_reference, falloff) = (at_reference[lane], falloff[lane]);
             if falls[lane] > 0.0 {
-                let own = Restitution {
-                    at_reference,
-                    falloff,
-                };
-                of(&own, speed[lane])
+                of(&self.of_lane(lane), speed[lane])
             } else {
-                at_reference
+                at_reference[lane]
             }
         })
     }

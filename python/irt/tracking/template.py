@@ -8,7 +8,8 @@ rims (`irt.tracking.rims`), or by its shading where it looks like the board (`ir
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from irt.tracking.appearance import FINE, REACH, Appearance, Values
 from irt.tracking.coverage import Coverage, Laid
 from irt.tracking.opencv import opencv
 from irt.tracking.rims import HUE, Disc, discs_by_rims, light_of
-from irt.tracking.shading import BY_SHAPE, COVERS, SHADED, ball_by_shading, thrown
+from irt.tracking.shading import BY_SHAPE, COVERS, SHADED, Shaded, ball_by_shading, thrown
 
 Array = NDArray[np.float64]
 
@@ -146,11 +147,16 @@ def _disc(
 ) -> _Disc:
     """Return the marble's disc."""
     usual, board = stack.mean(trust), stack.mean_board(trust)
-    rims = _by_rims(usual, board, covers, noise, foot)
+
+    @functools.cache
+    def shaded(about: Laid) -> Shaded:
+        return ball_by_shading(light_of(usual), light_of(board), about, foot)
+
+    rims = _by_rims(discs_by_rims(usual, board, covers, noise), covers, shaded)
     hidden = MIRRORS * covers.radius
     if rims.hue >= ALIKE_HUE:
         apart = float(np.hypot(rims.x - covers.x, rims.y - covers.y))
-        if rims.hue >= HUE or ball_by_shading(light_of(usual), light_of(board), covers, foot).matt:
+        if rims.hue >= HUE or shaded(covers).matt:
             return _Disc(rims.x, rims.y, rims.radius, apart)
         if bare:
             # A shadow on a bare board has rims, too, and covers as much.
@@ -162,9 +168,9 @@ def _disc(
     if bare:
         # The shadow covers as much as the ball: the shape of the two says more.
         covers = _by_shape(stack, trust, covers.radius, foot)
-        rims = _by_rims(usual, board, covers, noise, foot)
+        rims = _by_rims(discs_by_rims(usual, board, covers, noise), covers, shaded)
         error = BY_SHAPE * covers.radius
-    ball = ball_by_shading(light_of(usual), light_of(board), covers, foot)
+    ball = shaded(covers)
     apart = float(np.hypot(ball.x - covers.x, ball.y - covers.y))
     if not ball.matt and not (bare and apart < near):
         apart = float(np.hypot(rims.x - covers.x, rims.y - covers.y))
@@ -178,12 +184,11 @@ def _disc(
     return _Disc(ball.x, ball.y, covers.radius, apart, error)
 
 
-def _by_rims(usual: Values, board: Values, covers: Laid, noise: float, foot: tuple[float, float]) -> Disc:
-    """Return the marble's disc by its rims; if they lead to two, a ball and its shadow decide, too."""
-    found = discs_by_rims(usual, board, covers, noise)
+def _by_rims(found: Sequence[tuple[float, Disc]], covers: Laid, shaded: Callable[[Laid], Shaded]) -> Disc:
+    """Return the disc of `discs_by_rims`; if rims lead to two, a ball and its shadow decide, too."""
     (_, one), (_, other) = found
     if np.hypot(one.x - other.x, one.y - other.y) > ANOTHER * covers.radius:
-        ball = ball_by_shading(light_of(usual), light_of(board), covers, foot)
+        ball = shaded(covers)
         size = SHADED * covers.radius
         found = [
             (missed + ((rim.x - ball.x) ** 2 + (rim.y - ball.y) ** 2) / size**2, rim) for missed, rim in found

@@ -185,8 +185,8 @@ impl<S: Simd> Estimator<S> {
         rests
     }
 
-    /// Lets a row make the marbles uncertain: pushes, turns of the board, rests, and walls; returns which share of an
-    /// additional speed along x and along y is expected to be left behind a wall.
+    /// Lets a row make the marbles uncertain: pushes, turns of the board, rests, and walls; returns by which
+    /// factors walls are expected to change an additional speed along x and along y.
     #[inline(always)]
     fn grow(&mut self, lasted: &Row<S>, tilt: &Pair<S>, rims: &Rims<S>, rests: Mask<S>) -> Pair<S> {
         let (seconds, variances) = (lasted.seconds, &self.variances);
