@@ -212,7 +212,9 @@ class Answer:
         """Origin of errors that are clearly more than noise."""
         if self._is_whole:
             return ""
-        return "push" if self._is_pushed else "rim"
+        if not self._is_pushed:
+            return "rim"
+        return "push" if self._repeats else "chance"
 
     def _verdict(self, order: list[str]) -> Verdict:
         """Return the verdict; it is "unlisted" if the most important effect is the learned correction.
@@ -325,7 +327,7 @@ class Answer:
     def _repeats(self) -> bool:
         """Whether a relevant part of the remaining push depends on a variable that repeats.
 
-        Small dependences are ignored, because no engine reproduces the impacts of a rig exactly.
+        Small dependences are ignored, because no engine reproduces the motion of a rig exactly.
         """
         share = self._needed.repeating(_SURELY)
         gain = self._proof.mae * (1.0 - math.sqrt(max(0.0, 1.0 - share)))

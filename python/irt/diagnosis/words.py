@@ -18,13 +18,14 @@ from irt.fitting.robust import mean_absolute
 from irt.model import Parameter
 
 #: Origin of errors that are clearly more than noise.
-Rest = Literal["", "push", "rim"]
+Rest = Literal["", "push", "chance", "rim"]
 
 #: Sentences added if effects are named and errors remain that are clearly more than noise, by their origin.
 _MORE = {
     "": "",
-    "push": " Errors beyond noise remain: they do not repeat from run to run, or no effect of the catalogue "
-    "describes them.",
+    "push": " Errors beyond noise remain: no effect of the catalogue describes them.",
+    "chance": " Errors beyond noise remain: they do not repeat from run to run, or follow rebounds from the "
+    "rim.",
     "rim": " Errors beyond noise remain: rebounds from the rim differ from what any effect of the catalogue "
     "describes.",
 }
@@ -32,6 +33,10 @@ _MORE = {
 _NONE = {
     "": ("The five parameters{} explain the recordings", "They reveal no missing physics."),
     "push": ("No known effect explains the residuals of the five-parameter model", ""),
+    "chance": (
+        "The five parameters{} explain what repeats in the recordings",
+        "What remains depends on nothing that was recorded, or follows rebounds from the rim.",
+    ),
     "rim": (
         "Between impacts the five parameters explain the recordings; rebounds from the rim differ from what "
         "any known effect describes",
@@ -69,8 +74,9 @@ def summary(
         Mean absolute error of the base model and of the final one [board edges].
     heldout : bool
         Whether these are errors on held-out recordings.
-    rest : {"", "push", "rim"}
-        Origin of errors that are clearly more than noise: a random push, random rebounds alone, or none.
+    rest : {"", "push", "chance", "rim"}
+        Origin of errors that are clearly more than noise: a push that repeats, one that does not, random
+        rebounds alone, or none.
     impacts : bool
         Whether the model has a law of impacts that is not among the effects.
     row_s : float, optional

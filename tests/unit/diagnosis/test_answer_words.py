@@ -68,6 +68,12 @@ def test_a_mismatch_that_nothing_explains_is_not_called_sufficient():
     assert "No known effect explains" in text
 
 
+def test_a_push_that_does_not_repeat_is_no_missing_physics_and_is_mentioned():
+    text = summary([], noise=0.001, before=0.01, after=0.01, heldout=True, rest="chance")
+    assert text.startswith("The five parameters explain what repeats in the recordings (held-out error 1.0 %")
+    assert "What remains depends on nothing that was recorded" in text
+
+
 def test_rebounds_that_nothing_explains_are_mentioned():
     text = summary([], noise=0.001, before=0.01, after=0.01, heldout=True, rest="rim")
     assert text.startswith("Between impacts the five parameters explain the recordings; rebounds")
@@ -78,8 +84,9 @@ def test_rebounds_that_nothing_explains_are_mentioned():
     )
 
 
-def test_a_name_that_leaves_much_is_reported_as_such():
-    text = summary([effect()], noise=0.001, before=0.04, after=0.02, heldout=True, rest="push")
+@pytest.mark.parametrize("rest", ["push", "chance", "rim"])
+def test_a_name_that_leaves_much_is_reported_as_such(rest):
+    text = summary([effect()], noise=0.001, before=0.04, after=0.02, heldout=True, rest=rest)
     assert "Errors beyond noise remain" in text
     assert "remain" not in summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
 

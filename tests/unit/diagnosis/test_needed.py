@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from irt.diagnosis.needed import VARIABLES, Needed, smoothed
+from irt.diagnosis.needed import VARIABLES, FreeRows, Needed, Regression, memory, smoothed, undisturbed
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scores
 from irt.engine import GRAVITY
@@ -71,3 +71,43 @@ def test_the_push_of_a_table_that_is_not_level_is_found_in_every_row(plant):
     assert (push[seen] > 0.0).mean() > 0.9
     assert (deviation[seen] > 0.0).all()
     assert all(np.isnan(each[0]).all() for each in found.push)
+
+
+def _runs(push_of, rows=400, runs=6, memory=8.0):
+    """Return free rows of marbles that leave the rim every 100 rows, commanded away from it, under a push."""
+    random = np.random.default_rng(0)
+    for _ in range(runs):
+        since = np.arange(rows) % 100
+        side = np.repeat(random.choice([-1.0, 1.0], rows // 100), 100)
+        command = np.stack([-side, np.zeros(rows)], axis=1) + 0.5 * random.standard_normal((rows, 2))
+        noise = np.zeros((rows, 2))
+        for row in range(1, rows):
+            noise[row] = np.exp(-1.0 / memory) * noise[row - 1] + 0.02 * random.standard_normal(2)
+        left = np.stack([-side * np.exp(-since / memory), np.zeros(rows)], axis=1)
+        variables = {name: random.standard_normal((rows, 2)) for name in VARIABLES}
+        distance = np.minimum(since, 100 - since).astype(float)
+        yield FreeRows(noise + push_of(left, command), {**variables, "command": command}, distance)
+
+
+def test_a_push_that_follows_impacts_depends_on_nothing_where_none_disturbs():
+    parts = list(_runs(lambda left, _: left))
+    pushes = [one.push for one in parts]
+    every, quiet = Regression(parts, 0), Regression(list(undisturbed(parts, pushes)), 0)
+    (found,) = [one for one in every.dependences() if one.variable == "command"]
+    assert found.p_value < 0.01
+    assert all(one.p_value > 0.01 for one in quiet.dependences())
+    assert 4 <= memory(pushes) <= 16
+
+
+def test_a_push_by_the_command_is_found_between_impacts():
+    parts = list(_runs(lambda left, command: left + 0.1 * command))
+    found = Regression(list(undisturbed(parts, [one.push for one in parts])), 0).dependences()
+    assert found[0].variable == "command"
+    assert found[0].p_value < 0.01
+    assert found[0].share > 0.3
+
+
+def test_without_rows_far_from_the_rim_nothing_is_undisturbed():
+    parts = [FreeRows(one.push, one.against, np.ones(400)) for one in _runs(lambda left, _: left)]
+    assert not list(undisturbed(parts, [one.push for one in parts]))
+    assert not Regression([], 0).dependences()
