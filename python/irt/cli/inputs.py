@@ -79,7 +79,7 @@ def rows_for_fit(rig: Rig, *, quiet: bool = False) -> tuple[Rig, tuple[str, ...]
         return rig, ()
     longest = max(len(one.knobs) for one in short.recordings)
     note = (
-        f"{rig.path}: {rig.rows:,} rows would take {rig.rows / MOST_ROWS:.0f} times as long as the "
+        f"{rig.path}: {rig.rows:,} rows would take {rig.rows / MOST_ROWS:.2g} times as long as the "
         f"{MOST_ROWS:,} that a fit needs, which take minutes: only the first {longest:,} of each run are "
         "used; to use others, leave only those rows in the folder"
     )

@@ -136,6 +136,7 @@ class Answer:
                     next((one.parameters for one in effects if one.name == JITTER), None),
                     explained=self._is_whole,
                 ),
+                *words.smoothed(effects, dataset.row_s(best.fitted)),
                 *self._impacts(),
                 *sentences(self._recordings, self._differences),
             ),

@@ -11,6 +11,7 @@ import numpy as np
 from irt.catalogue import effect
 from irt.diagnosis.dataset import Dataset, Fitted
 from irt.diagnosis.formula import formula, holds_or_brakes, turns, variables
+from irt.diagnosis.free_motion import PULL_OF_SLOPE
 from irt.diagnosis.result import UNLISTED, NamedEffect
 from irt.display import in_rows, listed, two_digits
 from irt.files import as_typed
@@ -49,6 +50,8 @@ _LAW = " and a law of impacts"
 LEARNED = "Learned correction, in SI units: "
 #: Fewest recordings, and fewest rows with a moving marble, for a diagnosis without a caveat.
 _FEW, _STILL = 3, 30
+#: Widest smoothing of positions that is mentioned [rows]: wider ones round off a path visibly.
+_SMOOTHED = 3.0
 
 
 def summary(
@@ -126,6 +129,30 @@ def impacts(restitution: tuple[float, float], friction: tuple[float, float]) -> 
         f"{restitution[0]:g} and {friction[0]:g}). Simulators differ by as much: this is in the model, and "
         "not named."
     )
+
+
+def smoothed(effects: Sequence[NamedEffect], row_s: float) -> Iterator[str]:
+    """Yield a note if a smoothed track would look the same as a named parallax.
+
+    The mean of a path over a window with variance s² is ahead of the path by s²/2 times the acceleration,
+    which is 5/7 g times the tilt.
+
+    Parameters
+    ----------
+    effects : sequence of NamedEffect
+        The missing effects.
+    row_s : float
+        Duration of a row [s].
+    """
+    heights = [one.parameters["height_m_per_rad"].value for one in effects if one.name == "parallax"]
+    for height in heights:
+        rows = float(np.sqrt(max(0.0, 2.0 * height / PULL_OF_SLOPE))) / row_s
+        if 0.0 < rows < _SMOOTHED:
+            yield (
+                "Positions that a tracker or filter had smoothed with weights of a standard deviation of "
+                f"{rows:.2g} rows would look the same as this parallax. If yours are smoothed, diagnose them "
+                "as they were before."
+            )
 
 
 def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:

@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from irt import catalogue
+from irt import catalogue, rollouts
 from irt.diagnosis.result import UNLISTED, NamedEffect
-from irt.diagnosis.words import suggestion, summary
+from irt.diagnosis.words import smoothed, suggestion, summary
+from irt.engine import SUBSTEP_S
 from irt.model import Parameter
 
 
@@ -60,6 +62,39 @@ def test_no_error_is_said_to_fall_that_does_not(after):
     text = summary([effect()], noise=0.001, before=0.04, after=after, heldout=True)
     assert "falls" not in text
     assert "held-out recordings are likelier row by row, but the error does not fall (4.0 % of" in text
+
+
+def parallax(height):
+    return NamedEffect(
+        "parallax",
+        "sensing",
+        {"height_m_per_rad": Parameter(height)},
+        {"height_m_per_rad": "m/rad"},
+        0.04,
+        0.0,
+    )
+
+
+def test_a_parallax_that_is_a_smoothed_track_is_said_to_be_one():
+    updates, turns = 16, 2.0 * np.pi * np.arange(120) / 60
+    knobs = 0.06 * np.stack([np.sin(turns), np.sin(0.8 * turns + 1.0)], axis=1)
+    values = [[0.06, 0.05, 4e-4, updates, 1.0]]
+    path = rollouts(values, knobs)[0]
+    assert np.abs(path).max() < 0.4
+    mean = (path[:-2] + path[1:-1] + path[2:]) / 3.0
+    # The height at which the path of a parallax is nearest to the smoothed one.
+    shift = rollouts(values, knobs, effects=[{"name": "parallax", "height_m_per_rad": 1.0}])[0] - path
+    height = float((shift[1:-1] * (mean - path[1:-1])).sum() / (shift[1:-1] ** 2).sum())
+    assert np.abs(path[1:-1] + height * shift[1:-1] - mean).max() < 0.25 * np.abs(mean - path[1:-1]).max()
+    (note,) = smoothed([effect(), parallax(height)], updates * SUBSTEP_S)
+    # Three equal weights have a standard deviation of 0.82 rows.
+    assert "standard deviation of 0.8" in note
+
+
+@pytest.mark.parametrize("height", [-0.01, 0.0, 0.6])
+def test_no_smoothing_looks_like_other_parallaxes(height):
+    assert not list(smoothed([parallax(height)], 0.07))
+    assert not list(smoothed([effect()], 0.07))
 
 
 def test_a_mismatch_that_nothing_explains_is_not_called_sufficient():
