@@ -12,6 +12,15 @@ use crate::errors;
 /// Interval at which Python is asked for signals.
 const PATIENCE: Duration = Duration::from_millis(50);
 
+/// Runs `work` without the GIL in this thread, if it is over long before Python would be asked for signals: to start
+/// another thread takes as long as a small batch, and far longer on a busy machine.
+pub(crate) fn brief<T: Send>(
+    py: Python<'_>,
+    work: impl FnOnce(&AtomicBool) -> labsim::Result<T> + Send,
+) -> PyResult<T> {
+    py.detach(|| work(&AtomicBool::new(false)).map_err(errors::to_python))
+}
+
 /// Runs `work` without the GIL; on Ctrl-C sets its flag, waits for it and raises `KeyboardInterrupt`.
 #[expect(
     clippy::redundant_closure_for_method_calls,

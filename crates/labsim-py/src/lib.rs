@@ -8,7 +8,9 @@ mod fleet;
 mod grey_box;
 mod interrupt;
 
-use labsim::board::{Board, Marble, Rig};
+use std::sync::atomic::AtomicBool;
+
+use labsim::board::{Board, Marble, Rig, SUBSTEP_S};
 use labsim::{Batch, Engine, Fall, Hold, Maze, Parameters, PerRollout, TimeBase};
 use numpy::ndarray::{Array2, Array3};
 use numpy::{
@@ -44,6 +46,9 @@ mod _labsim {
         module.add("SUBSTEP_S", labsim::board::SUBSTEP_S)
     }
 }
+
+/// Time that the rollouts of a brief batch simulate, all together [s]: 0.1 s of work or less in either engine.
+const BRIEF_S: f64 = 200.0;
 
 /// Simulates a batch of rollouts; see `irt.rollouts`.
 ///
@@ -97,6 +102,7 @@ fn rollouts<'py>(
     let issued = arrays::lengths(&issued, &commands)?;
     let effects = catalogue::Values::new(&effects)?;
     let commands = arrays::pairs_of_each(&commands)?;
+    let commands = arrays::beginnings(&commands, &issued);
     let start = arrays::rows::<2>(&start)?;
     let start_velocity = arrays::rows::<2>(&start_velocity)?;
     let knobs_before = arrays::rows::<2>(&knobs_before)?;
@@ -115,7 +121,7 @@ fn rollouts<'py>(
         parameters: &parameters,
         effects: &effects.chosen(count),
         rows,
-        commands: PerRollout::Of(&arrays::beginnings(&commands, &issued)),
+        commands: PerRollout::Of(&commands),
         hold,
         knobs_before: arrays::shared_or_each(&knobs_before, 1, count),
         first: arrays::shared_or_each(&first, 1, count),
@@ -130,7 +136,7 @@ fn rollouts<'py>(
         },
         seeds: arrays::shared_or_each(&seeds, 1, count),
     };
-    let observed = interrupt::interruptible(py, |cancel| {
+    let work = |cancel: &AtomicBool| {
         if maze.is_some() {
             let found = batch.run_with_falls(engine, threads, cancel)?;
             return Ok((found.marble, tilt.then_some(found.tilt), found.falls));
@@ -140,7 +146,21 @@ fn rollouts<'py>(
             return Ok((observed.marble, Some(observed.tilt), Vec::new()));
         }
         Ok((batch.run(engine, threads, cancel)?, None, Vec::new()))
-    })?;
+    };
+    let lasting = match durations.as_deref() {
+        Some(durations) => durations.iter().copied().flatten().sum(),
+        None if substeps.is_some() => f64::INFINITY,
+        None => {
+            let each = parameters.iter().zip(&commands);
+            each.map(|(one, issued)| SUBSTEP_S * one.time_scale * issued.len() as f64)
+                .sum()
+        }
+    };
+    let observed = if lasting <= BRIEF_S {
+        interrupt::brief(py, work)?
+    } else {
+        interrupt::interruptible(py, work)?
+    };
     let array = |rows_of_all: Vec<[f64; 2]>| {
         Array3::from_shape_vec((count, rows, 2), rows_of_all.into_flattened())
             .expect("the engine fills every row")

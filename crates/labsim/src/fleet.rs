@@ -5,7 +5,6 @@ use std::sync::Arc;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
-use rayon::prelude::*;
 
 use crate::board::Rig;
 use crate::effects::{EffectInstance, EffectSpec, in_order};
@@ -15,8 +14,8 @@ use crate::live::{Live, Start, check, setup};
 use crate::maze::Maze;
 use crate::parameters::Parameters;
 use crate::per_rollout::PerRollout;
-use crate::rollout::pool;
 use crate::scene::{CUT, Scene};
+use crate::threads::Threads;
 
 /// Marbles that share board, maze and step length, and are stepped together.
 ///
@@ -235,19 +234,15 @@ impl Fleet {
             }
         }
         let (path, tracker) = (&self.path, self.tracker);
-        let mut work = || {
-            let each = self.marbles.par_iter_mut().zip(commands).zip(active);
-            each.with_min_len(LEAST)
-                .for_each(|((episode, &command), &active)| {
-                    if let Some(episode) = episode.as_mut().filter(|_| active) {
-                        episode.play(command, path, tracker);
-                    }
-                });
-        };
-        match threads {
-            None => work(),
-            Some(threads) => pool(threads)?.install(work),
-        }
+        let marbles = self.marbles.chunks_mut(TOGETHER);
+        let each = marbles.zip(commands.chunks(TOGETHER).zip(active.chunks(TOGETHER)));
+        Threads::new(threads)?.each(each.collect(), |(marbles, (commands, active))| {
+            for ((episode, &command), &active) in marbles.iter_mut().zip(commands).zip(active) {
+                if let Some(episode) = episode.as_mut().filter(|_| active) {
+                    episode.play(command, path, tracker);
+                }
+            }
+        });
         Ok(())
     }
 
@@ -267,20 +262,11 @@ impl Fleet {
             let expected = format!("{} pixels", pixels * self.marbles.len());
             return Err(Error::invalid("pictures", &expected, out.len()));
         }
-        let mut work = || {
-            let each = self
-                .marbles
-                .par_iter()
-                .zip(out.par_chunks_exact_mut(pixels));
-            each.for_each(|(episode, out)| {
-                let place = episode.as_ref().map(|one| one.state.place);
-                scene.cut(place.unwrap_or([f64::NAN; 2]), out);
-            });
-        };
-        match threads {
-            None => work(),
-            Some(threads) => pool(threads)?.install(work),
-        }
+        let each = self.marbles.iter().zip(out.chunks_exact_mut(pixels));
+        Threads::new(threads)?.each(each.collect(), |(episode, out)| {
+            let place = episode.as_ref().map(|one| one.state.place);
+            scene.cut(place.unwrap_or([f64::NAN; 2]), out);
+        });
         Ok(())
     }
 
@@ -387,8 +373,8 @@ const AROUND: usize = 30;
 /// How far from its path a marble still makes progress (m): about half a corridor.
 const OFF_PATH_M: f64 = 0.02;
 
-/// Marbles that a thread takes at least: fewer take less time than another thread needs to begin.
-const LEAST: usize = 64;
+/// Marbles that a thread steps together: fewer take less time than another thread needs to begin.
+const TOGETHER: usize = 64;
 
 impl Simulator {
     fn instances(&self) -> Vec<EffectInstance<'_>> {

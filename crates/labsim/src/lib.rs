@@ -55,6 +55,7 @@ pub mod parameters;
 mod per_rollout;
 pub mod rollout;
 pub mod scene;
+mod threads;
 
 pub use board::{Board, Marble, Rig};
 pub use drive::paper_drive;

@@ -1,14 +1,10 @@
-//! A batch of rollouts over the threads: the only parallel code of the engine.
+//! A batch of rollouts over the threads.
 
 mod check;
 mod lane_packing;
 
-use std::collections::HashMap;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-
-use rayon::prelude::*;
-use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::board::Rig;
 use crate::correction::Correction;
@@ -20,6 +16,7 @@ use crate::maze::{Fall, Maze};
 use crate::noise::Noise;
 use crate::parameters::Parameters;
 use crate::per_rollout::PerRollout;
+use crate::threads::Threads;
 
 /// How long a command holds.
 #[derive(Debug, Clone, Copy)]
@@ -218,7 +215,7 @@ impl<'a> Batch<'a> {
         if count == 0 {
             return Ok(observed);
         }
-        let workers = threads.unwrap_or_else(rayon::current_num_threads);
+        let threads = Threads::new(threads)?;
         let effects = in_order(self.effects);
         let obstacles = self.maze.and_then(|maze| Obstacles::new(maze, self.rig));
         let obstacles = obstacles.map(Arc::new);
@@ -230,34 +227,30 @@ impl<'a> Batch<'a> {
             obstacles: obstacles.as_ref(),
             cancel,
         };
-        let mut work = || {
-            let block = BLOCK * self.rows;
-            let mut tilts = observed.tilt.chunks_mut(block);
-            let mut variances = observed.variance.chunks_mut(block);
-            let mut corrections = observed.corrections.chunks_mut(block);
-            let mut falls = observed.falls.chunks_mut(BLOCK);
-            for (number, marble) in observed.marble.chunks_mut(block).enumerate() {
-                let sink = Sink {
-                    marble,
-                    tilt: tilts.next().unwrap_or_default(),
-                    variance: variances.next().unwrap_or_default(),
-                    corrections: corrections.next().unwrap_or_default(),
-                    fall: falls.next().unwrap_or_default(),
-                };
-                let groups = self.groups(&setup, engine, workers, (number * BLOCK, sink), asked);
-                groups.into_par_iter().for_each(|(jobs, mut out)| {
-                    if !cancel.load(Ordering::Relaxed) {
-                        match engine {
-                            Engine::Rapier => rapier::run(&setup, &jobs, &mut out),
-                            Engine::Rolling => rolling::run(&setup, &jobs, &mut out),
-                        }
-                    }
-                });
+        let run = |(jobs, mut out): Group<'_>| {
+            if !cancel.load(Ordering::Relaxed) {
+                match engine {
+                    Engine::Rapier => rapier::run(&setup, &jobs, &mut out),
+                    Engine::Rolling => rolling::run(&setup, &jobs, &mut out),
+                }
             }
         };
-        match threads {
-            None => work(),
-            Some(threads) => pool(threads)?.install(work),
+        let block = BLOCK * self.rows;
+        let mut tilts = observed.tilt.chunks_mut(block);
+        let mut variances = observed.variance.chunks_mut(block);
+        let mut corrections = observed.corrections.chunks_mut(block);
+        let mut falls = observed.falls.chunks_mut(BLOCK);
+        for (number, marble) in observed.marble.chunks_mut(block).enumerate() {
+            let sink = Sink {
+                marble,
+                tilt: tilts.next().unwrap_or_default(),
+                variance: variances.next().unwrap_or_default(),
+                corrections: corrections.next().unwrap_or_default(),
+                fall: falls.next().unwrap_or_default(),
+            };
+            let first = number * BLOCK;
+            let groups = self.groups(&setup, engine, threads.count, (first, sink), asked);
+            threads.each(groups, run);
         }
         if cancel.load(Ordering::Relaxed) {
             return Err(Error::Cancelled);
@@ -395,23 +388,3 @@ pub(crate) struct Simulated {
 const BLOCK: usize = 1 << 16;
 
 type Group<'a> = (Vec<Job<'a>>, Vec<Sink<'a>>);
-
-/// The pool of that many threads; kept, since starting one takes longer than a small batch.
-pub(crate) fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
-    static POOLS: OnceLock<Mutex<HashMap<usize, Arc<ThreadPool>>>> = OnceLock::new();
-    if threads == 0 || threads > 1024 {
-        return Err(Error::invalid("threads", "1 to 1024", threads));
-    }
-    let pools = POOLS.get_or_init(Mutex::default);
-    let mut pools = pools.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(pool) = pools.get(&threads) {
-        return Ok(Arc::clone(pool));
-    }
-    let pool = ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .map_err(|error| Error::invalid("threads", "as many as the system can start", error))?;
-    let pool = Arc::new(pool);
-    pools.insert(threads, Arc::clone(&pool));
-    Ok(pool)
-}
