@@ -36,7 +36,8 @@ _NONE = {
     "push": ("No known effect explains the residuals of the five-parameter model", ""),
     "chance": (
         "The five parameters{} explain what repeats in the recordings",
-        "What remains depends on nothing that was recorded, or follows rebounds from the rim.",
+        "No dependence of the rest on anything recorded is certain (at 1 %); it may follow rebounds from the "
+        "rim.",
     ),
     "rim": (
         "Between impacts the five parameters explain the recordings; rebounds from the rim differ from what "
