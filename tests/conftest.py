@@ -23,6 +23,11 @@ from numpy.typing import ArrayLike
 from irt.cli.__main__ import main
 from irt.recording import save_recording
 
+# The workers of a run share the cores: more threads of the engine and of OpenCV only wait for each other.
+_THREADS = max(1, (os.cpu_count() or 1) // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
+os.environ.setdefault("RAYON_NUM_THREADS", str(_THREADS))
+os.environ.setdefault("OPENCV_FOR_THREADS_NUM", str(_THREADS))
+
 # A shell ignores SIGINT in what it starts in the background, and so would the programs that tests send it to.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
