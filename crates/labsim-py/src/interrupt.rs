@@ -12,8 +12,8 @@ use crate::errors;
 /// Interval at which Python is asked for signals.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// Runs `work` without the GIL in this thread, if it is over long before Python would be asked for signals: to start
-/// another thread takes as long as a small batch, and far longer on a busy machine.
+/// Runs brief `work` without the GIL in this thread, and Ctrl-C waits for it: to start another takes as long as a small
+/// batch, and far longer on a busy machine.
 pub(crate) fn brief<T: Send>(
     py: Python<'_>,
     work: impl FnOnce(&AtomicBool) -> labsim::Result<T> + Send,

@@ -85,15 +85,15 @@ class Needed:
             run.recording: (_padded(push, len(run.run.knobs)), _padded(deviation, len(run.run.knobs)))
             for run, push, deviation in zip(one.dataset.runs, found.push, found.push_deviation, strict=True)
         }
-        self._free = list(_free(one, found))
-        self._regressions = [Regression(self._free, seed)]
-        if self._free and Scores.of(one).rebounds(one) >= config.SURE:
-            self._regressions.append(Regression(list(undisturbed(self._free, found.push)), seed))
+        free = list(_free(one, found))
+        self._regressions = [Regression(free, seed)]
+        if free and Scores.of(one).rebounds(one) >= config.SURE:
+            self._regressions.append(Regression(list(undisturbed(free, found.push)), seed))
 
     @property
     def size(self) -> float:
         """RMS of the push [m/s^2]."""
-        return float(np.sqrt((np.concatenate([one.push for one in self._free]) ** 2).mean()))
+        return self._regressions[0].size
 
     @functools.cached_property
     def dependences(self) -> list[Dependence]:
@@ -182,6 +182,11 @@ class Regression:
         self._bases = {name: _basis(values) for name, values in against.items()}
         #: Waves over the board, (n, k), cosines and sines.
         self._waves = _waves(against["position"]) if parts else []
+
+    @property
+    def size(self) -> float:
+        """RMS of the push [m/s^2]."""
+        return float(np.sqrt((self._push**2).mean())) if len(self._push) else 0.0
 
     def dependences(self) -> list[Dependence]:
         """Return the dependences on each variable; none if there are too few rows."""
