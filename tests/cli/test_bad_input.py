@@ -218,7 +218,7 @@ def test_a_long_log_is_cut_and_said(irt, lab, tmp_path, monkeypatch):
     done = irt("tune", rig, "--starts", "1", "--out", tmp_path / "out")
     assert done.status == 0
     first = done.out.splitlines()[0]
-    assert first.startswith(f"note: {rig}: 360 rows would take 2 times as long as the 200 that a fit needs")
+    assert first.startswith(f"note: {rig}: 360 rows would take 1.8 times as long as the 200 that a fit needs")
     assert "the first 66 of each run are used" in first
     assert first.removeprefix("note: ") in json.loads((tmp_path / "out" / "fit.json").read_text())["warnings"]
     done = irt("check", rig, "--json")

@@ -72,6 +72,7 @@ def row_seconds(rig: Rig, model: Model) -> float | None:
 
 def rows_for_fit(rig: Rig, *, quiet: bool = False) -> tuple[Rig, tuple[str, ...]]:
     """Return a rig cut to the rows that a fit uses, and a note on the cut, printed unless `quiet`."""
+    from irt.display import two_digits
     from irt.rig import MOST_ROWS
 
     short = rig.on_bare_board().first_rows(MOST_ROWS)
@@ -79,7 +80,7 @@ def rows_for_fit(rig: Rig, *, quiet: bool = False) -> tuple[Rig, tuple[str, ...]
         return rig, ()
     longest = max(len(one.knobs) for one in short.recordings)
     note = (
-        f"{rig.path}: {rig.rows:,} rows would take {rig.rows / MOST_ROWS:.2g} times as long as the "
+        f"{rig.path}: {rig.rows:,} rows would take {two_digits(rig.rows / MOST_ROWS)} times as long as the "
         f"{MOST_ROWS:,} that a fit needs, which take minutes: only the first {longest:,} of each run are "
         "used; to use others, leave only those rows in the folder"
     )
