@@ -35,7 +35,7 @@ _NONE = {
     "": ("The five parameters{} explain the recordings", "They reveal no missing physics."),
     "push": ("No known effect explains the residuals of the five-parameter model", ""),
     "chance": (
-        "The five parameters{} explain what repeats in the recordings",
+        "No known effect explains the residuals of the five-parameter model",
         "No dependence of the rest on anything recorded is certain (at 1 %); it may follow rebounds from the "
         "rim.",
     ),

@@ -103,9 +103,12 @@ def test_a_mismatch_that_nothing_explains_is_not_called_sufficient():
     assert "No known effect explains" in text
 
 
-def test_a_push_that_does_not_repeat_is_no_missing_physics_and_is_mentioned():
+def test_of_a_push_that_does_not_repeat_nothing_is_said_to_be_certain():
     text = summary([], noise=0.001, before=0.01, after=0.01, heldout=True, rest="chance")
-    assert text.startswith("The five parameters explain what repeats in the recordings (held-out error 1.0 %")
+    assert text.startswith(
+        "No known effect explains the residuals of the five-parameter model (held-out error"
+    )
+    assert "missing physics" not in text
     assert "it may follow rebounds from the rim" in text
 
 
