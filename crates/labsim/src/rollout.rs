@@ -235,19 +235,14 @@ impl<'a> Batch<'a> {
                 }
             }
         };
-        let block = BLOCK * self.rows;
-        let mut tilts = observed.tilt.chunks_mut(block);
-        let mut variances = observed.variance.chunks_mut(block);
-        let mut corrections = observed.corrections.chunks_mut(block);
-        let mut falls = observed.falls.chunks_mut(BLOCK);
-        for (number, marble) in observed.marble.chunks_mut(block).enumerate() {
-            let sink = Sink {
-                marble,
-                tilt: tilts.next().unwrap_or_default(),
-                variance: variances.next().unwrap_or_default(),
-                corrections: corrections.next().unwrap_or_default(),
-                fall: falls.next().unwrap_or_default(),
-            };
+        let all = Sink {
+            marble: &mut observed.marble,
+            tilt: &mut observed.tilt,
+            variance: &mut observed.variance,
+            corrections: &mut observed.corrections,
+            fall: &mut observed.falls,
+        };
+        for (number, sink) in parts(all, BLOCK, self.rows).enumerate() {
             let first = number * BLOCK;
             let groups = self.groups(&setup, engine, threads.count, (first, sink), asked);
             threads.each(groups, run);
@@ -290,24 +285,9 @@ impl<'a> Batch<'a> {
         (begin, observed): (usize, Sink<'b>),
         asked: Asked<'b>,
     ) -> Vec<Group<'b>> {
-        let mut tilts = observed.tilt.chunks_exact_mut(self.rows);
-        let mut variances = observed.variance.chunks_exact_mut(self.rows);
-        let mut corrections = observed.corrections.chunks_exact_mut(self.rows);
-        let mut falls = observed.fall.chunks_exact_mut(1);
-        let mut places: Vec<_> = observed
-            .marble
-            .chunks_exact_mut(self.rows)
+        let mut places: Vec<_> = parts(observed, 1, self.rows)
             .enumerate()
-            .map(|(i, marble)| {
-                let sink = Sink {
-                    marble,
-                    tilt: tilts.next().unwrap_or_default(),
-                    variance: variances.next().unwrap_or_default(),
-                    corrections: corrections.next().unwrap_or_default(),
-                    fall: falls.next().unwrap_or_default(),
-                };
-                Some((self.job(begin + i, asked), sink))
-            })
+            .map(|(i, sink)| Some((self.job(begin + i, asked), sink)))
             .collect();
         let jobs: Vec<&Job<'_>> = places.iter().flatten().map(|(job, _)| job).collect();
         let order = lane_packing::order(&jobs, &self.rig.board, self.rows);
@@ -388,3 +368,26 @@ pub(crate) struct Simulated {
 const BLOCK: usize = 1 << 16;
 
 type Group<'a> = (Vec<Job<'a>>, Vec<Sink<'a>>);
+
+/// The places for results of so many rollouts at a time.
+fn parts(all: Sink<'_>, rollouts: usize, rows: usize) -> impl Iterator<Item = Sink<'_>> {
+    let Sink {
+        marble,
+        tilt,
+        variance,
+        corrections,
+        fall,
+    } = all;
+    let length = rollouts * rows;
+    let mut tilts = tilt.chunks_mut(length);
+    let mut variances = variance.chunks_mut(length);
+    let mut corrections = corrections.chunks_mut(length);
+    let mut falls = fall.chunks_mut(rollouts);
+    marble.chunks_mut(length).map(move |marble| Sink {
+        marble,
+        tilt: tilts.next().unwrap_or_default(),
+        variance: variances.next().unwrap_or_default(),
+        corrections: corrections.next().unwrap_or_default(),
+        fall: falls.next().unwrap_or_default(),
+    })
+}
