@@ -146,7 +146,7 @@ fn probable<'py>(py: Python<'py>, one: &Probable) -> PyResult<Bound<'py, PyDict>
         }
     }
     let deviations = covariance.diag().mapv(f64::sqrt).to_vec();
-    let sizes = <[f64; 10]>::from(one.noise);
+    let sizes = <[f64; 11]>::from(one.noise);
     result.set_item("values", vector(one.values.clone()))?;
     result.set_item("deviations", vector(deviations))?;
     result.set_item("covariance", covariance.into_pyarray(py))?;
@@ -173,7 +173,7 @@ fn of_segments(all: &Matrix<'_>) -> PyResult<States> {
 }
 
 fn noises(noise: &Matrix<'_>) -> PyResult<Vec<Noise>> {
-    Ok(arrays::rows::<10>(noise)?
+    Ok(arrays::rows::<11>(noise)?
         .into_iter()
         .map(Noise::from)
         .collect())

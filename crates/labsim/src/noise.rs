@@ -25,6 +25,9 @@ pub struct Noise {
     /// Standard deviation of the time at which a marble at a wall follows a turn of the board (s): the wall turns
     /// along and knocks the marble away, or holds it.
     pub departure: f64,
+    /// Standard deviation of the time at which a marble that friction holds breaks away (s): how firmly it is held
+    /// differs from place to place.
+    pub release: f64,
     /// Standard deviation of the start velocity (m/s), zero for a marble at rest, if it is released at the first
     /// observed position; none if the start state is known.
     pub start_velocity: Option<f64>,
@@ -48,6 +51,7 @@ impl Noise {
             ("restitution", self.restitution),
             ("jitter", self.jitter),
             ("departure", self.departure),
+            ("release", self.release),
             ("start_velocity", self.start_velocity.unwrap_or(0.0)),
         ];
         for (name, size) in positive {
@@ -65,8 +69,8 @@ impl Noise {
 }
 
 /// In the order of the fields; NaN as the start velocity means a known start state.
-impl From<[f64; 10]> for Noise {
-    fn from(sizes: [f64; 10]) -> Self {
+impl From<[f64; 11]> for Noise {
+    fn from(sizes: [f64; 11]) -> Self {
         let [
             white,
             lasting,
@@ -77,6 +81,7 @@ impl From<[f64; 10]> for Noise {
             restitution,
             jitter,
             departure,
+            release,
             start_velocity,
         ] = sizes;
         Self {
@@ -89,12 +94,13 @@ impl From<[f64; 10]> for Noise {
             restitution,
             jitter,
             departure,
+            release,
             start_velocity: (!start_velocity.is_nan()).then_some(start_velocity),
         }
     }
 }
 
-impl From<Noise> for [f64; 10] {
+impl From<Noise> for [f64; 11] {
     fn from(noise: Noise) -> Self {
         [
             noise.white,
@@ -106,6 +112,7 @@ impl From<Noise> for [f64; 10] {
             noise.restitution,
             noise.jitter,
             noise.departure,
+            noise.release,
             noise.start_velocity.unwrap_or(f64::NAN),
         ]
     }

@@ -120,7 +120,7 @@ class Regressors:
     ----------
     free : tuple
         Segments of free motion.
-    noise : (10,) array
+    noise : (11,) array
         Noise sizes of the filter.
     one : Scored
         The set whose residuals these are.

@@ -36,7 +36,9 @@ from irt.rig import PARAMETERS
 Array = NDArray[np.float64]
 
 #: Indices of the noise sizes, as taken by `Problem.filter`.
-WHITE, LASTING, LASTING_S, PUSH, PULL, PULL_S, RESTITUTION, KICK, DEPARTURE, START_VELOCITY = range(10)
+WHITE, LASTING, LASTING_S, PUSH, PULL, PULL_S, RESTITUTION, KICK, DEPARTURE, RELEASE, START_VELOCITY = range(
+    11
+)
 
 #: Maximum-likelihood scale of Student's t with four degrees of freedom for standard normal errors. The
 #: filter's sizes of the tracker's noise are such scales.
@@ -101,7 +103,7 @@ class Scored:
 
     @property
     def noise(self) -> Array:
-        """Noise sizes as taken by `Problem.filter`, (10,)."""
+        """Noise sizes as taken by `Problem.filter`, (11,)."""
         return np.asarray(self.top.noise)
 
     @functools.cached_property
@@ -281,7 +283,7 @@ class Scores:
         return np.array(values), np.array(noises)
 
     def noise(self, push: float) -> Array:
-        """Return initial noise sizes, (10,)."""
+        """Return initial noise sizes, (11,)."""
         white, lasting = max(self.dataset.noise, 1e-5), max(self.dataset.noise, 1e-6)
         return np.array(
             [
@@ -294,6 +296,7 @@ class Scores:
                 0.1,
                 0.0,
                 config.DEPARTURE,
+                config.RELEASE,
                 config.START_VELOCITY,
             ]
         )
@@ -307,7 +310,7 @@ class Scores:
         *,
         iterations: int,
     ) -> list[Scored]:
-        """Maximise the posterior from (k, n) values, (k, 10) noise sizes and (s, 4) states; keep the best."""
+        """Maximise the posterior from (k, n) values, (k, 11) noise sizes and (s, 4) states; keep the best."""
         problem = self.problem(effects)
         values, noise = off_bounds(self.dataset, problem.names, values, noise)
         tops = problem.ascend(
@@ -390,14 +393,14 @@ class Scores:
 
 
 def quiet(noise: Array) -> Array:
-    """Return (k, 10) noise sizes with push and random rebounds as small as for a complete model."""
+    """Return (k, 11) noise sizes with push and random rebounds as small as for a complete model."""
     sizes = noise.copy()
     sizes[:, [PUSH, PULL, RESTITUTION]] = config.LITTLE
     return sizes
 
 
 def with_less_push(noise: Array, share: float) -> Array:
-    """Return noise sizes (10,) with a share of the variance of the random pushes."""
+    """Return noise sizes (11,) with a share of the variance of the random pushes."""
     sizes = noise.copy()
     sizes[[PUSH, PULL]] *= share, math.sqrt(share)
     return sizes

@@ -44,7 +44,7 @@ class Promise:
         Estimated gain [nats].
     starts : (k, n) array
         Start values.
-    noise : (k, 10) array
+    noise : (k, 11) array
         Start noise sizes.
     """
 

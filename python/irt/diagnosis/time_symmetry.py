@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 #: Powers of the time scale with which the five parameters change along the symmetry.
 _POWERS = dict(zip(PARAMETERS, (-2.0, -2.0, -2.0, 1.0, 0.0), strict=True))
 #: The same of the noise sizes, as taken by `Problem.filter`.
-_OF_NOISE = np.array([0.0, 0.0, 1.0, -3.0, -2.0, 1.0, 0.0, 1.0, 1.0, -1.0])
+_OF_NOISE = np.array([0.0, 0.0, 1.0, -3.0, -2.0, 1.0, 0.0, 1.0, 1.0, 1.0, -1.0])
 _TIME_SCALE = PARAMETERS.index("time_scale")
 #: Factor by which a fit may at most leave a range, as in the engine (`fit/axis.rs`).
 REACH = 3.0
@@ -75,7 +75,7 @@ def off_bounds(dataset: Dataset, names: Sequence[str], values: Array, noise: Arr
         The dataset; with a known time scale nothing is moved.
     names : sequence of str
         Names of the n parameters, with the five first.
-    values, noise : (k, n) and (k, 10) arrays
+    values, noise : (k, n) and (k, 11) arrays
         Values, and noise sizes as taken by `Problem.filter`.
     """
     if time_is_known(dataset):

@@ -27,6 +27,7 @@ pub(crate) fn noise() -> Noise {
         restitution: 0.1,
         jitter: 0.0,
         departure: 0.0,
+        release: 0.0,
         start_velocity: Some(0.1),
     }
 }
@@ -163,7 +164,7 @@ proptest! {
     ) {
         let start_velocity = Some(start_velocity);
         let noise = Noise {
-            white, lasting, lasting_s, push, pull, pull_s, restitution: 0.3, jitter, departure: 0.1, start_velocity,
+            white, lasting, lasting_s, push, pull, pull_s, restitution: 0.3, jitter, departure: 0.1, release: 0.1, start_velocity,
         };
         let values = [0.02, 0.03, 0.0, 12.0, 1.1];
         let commands: Vec<[f64; 2]> = (0..25).map(|i| [0.05 * f64::from(i % 5), -0.03]).collect();
@@ -244,6 +245,7 @@ proptest! {
             pull_s: 1e-3 + sizes[7],
             jitter: sizes[8],
             departure: sizes[8],
+            release: sizes[8],
         };
         let values = [values.0, values.1, values.2, values.3, values.4];
         let commands: Vec<[f64; 2]> = (0..40)
@@ -307,7 +309,7 @@ fn sizes_and_their_array_are_the_same_noise() {
             start_velocity,
             ..noise()
         };
-        let sizes = <[f64; 10]>::from(one);
+        let sizes = <[f64; 11]>::from(one);
         assert_eq!(sizes[7], 0.03);
         assert_eq!(Noise::from(sizes), one);
     }

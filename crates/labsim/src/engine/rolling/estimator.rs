@@ -43,6 +43,8 @@ pub(super) struct Estimator<S: Simd> {
     pull: Pair<S>,
     /// Whether the marbles' rest is certain while they rest: 1 or 0.
     known: Lanes<S>,
+    /// Whether friction held the marbles at the end of the last row: 1 or 0.
+    held: Lanes<S>,
     /// Where the marbles may have stopped while the means went on, or the other way around.
     stop: Stop<S>,
     start: Start<S>,
@@ -99,6 +101,7 @@ impl<S: Simd> Estimator<S> {
             lasting: [white.like(0.0); 2],
             pull: [white.like(0.0); 2],
             known: unknown.like(1.0) - unknown,
+            held: white.like(0.0),
             stop: Stop::none([marbles.x, marbles.y]),
             start: Start::none([marbles.x, marbles.y]),
             place: [marbles.x, marbles.y],
@@ -113,6 +116,7 @@ impl<S: Simd> Estimator<S> {
                 restitution: square(|one| one.restitution),
                 jitter: square(|one| one.jitter),
                 departure: square(|one| one.departure),
+                release: square(|one| one.release),
             },
             row: None,
         })
@@ -185,12 +189,14 @@ impl<S: Simd> Estimator<S> {
         rests
     }
 
-    /// Lets a row make the marbles uncertain: pushes, turns of the board, rests, and walls; returns by which
-    /// factors walls are expected to change an additional speed along x and along y.
+    /// Lets a row make the marbles uncertain: pushes, turns of the board, rests and releases from them, and walls;
+    /// returns by which factors walls are expected to change an additional speed along x and along y.
     #[inline(always)]
     fn grow(&mut self, lasted: &Row<S>, tilt: &Pair<S>, rims: &Rims<S>, rests: Mask<S>) -> Pair<S> {
         let (seconds, variances) = (lasted.seconds, &self.variances);
         let zero = seconds.like(0.0);
+        let freed = self.held.gt(zero) & !rests;
+        self.held = rests.select(zero.like(1.0), zero);
         let mut met = [zero; 2];
         for (axis, reach) in [rims.reach_x, rims.reach_y].into_iter().enumerate() {
             let covariance = &mut self.axes[axis];
@@ -206,6 +212,9 @@ impl<S: Simd> Estimator<S> {
             let leaves = place.abs().ge(reach) & (turned * place).lt(zero);
             let of_time = variances.jitter + leaves.select(variances.departure, zero);
             covariance.kick(turned, seconds, of_time);
+            // At its release, all of the push counts.
+            let push = pushes * tilt[1 - axis];
+            covariance.kick(push, seconds, freed.select(variances.release, zero));
             covariance.settle(rests, seconds, variances);
             let velocity = self.velocity[axis];
             let pushed = 0.5 * pushes * (tilt[1 - axis] + self.tilt[1 - axis]);

@@ -60,6 +60,7 @@ fn top_with_jitter(
         restitution: 0.1,
         jitter,
         departure: 0.0,
+        release: 0.0,
         start_velocity: Some(0.1),
     };
     // The hill has several tops: with a large push it is smooth, and lower ones hold no longer. A complete model has

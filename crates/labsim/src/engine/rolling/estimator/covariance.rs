@@ -20,6 +20,7 @@ pub(super) struct Variances<S: Simd> {
     pub(super) restitution: Lanes<S>,
     pub(super) jitter: Lanes<S>,
     pub(super) departure: Lanes<S>,
+    pub(super) release: Lanes<S>,
 }
 
 /// The covariance of one axis: of place, velocity, push and lasting error.
