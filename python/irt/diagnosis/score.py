@@ -36,9 +36,8 @@ from irt.rig import PARAMETERS
 Array = NDArray[np.float64]
 
 #: Indices of the noise sizes, as taken by `Problem.filter`.
-WHITE, LASTING, LASTING_S, PUSH, PULL, PULL_S, RESTITUTION, KICK, DEPARTURE, RELEASE, START_VELOCITY = range(
-    11
-)
+WHITE, LASTING, LASTING_S, PUSH, PULL, PULL_S, RESTITUTION = range(7)
+KICK, DEPARTURE, RELEASE, START_VELOCITY = range(7, 11)
 
 #: Maximum-likelihood scale of Student's t with four degrees of freedom for standard normal errors. The
 #: filter's sizes of the tracker's noise are such scales.
