@@ -13,7 +13,7 @@ ROW_S, EDGE_M = 0.06, 0.276
 LENGTHS = (40, 25, 60)
 #: Tracker noise [board edges], density of the white push [m^2/s^3], correlated push [m/s^2] and its time [s].
 TRACKER, PUSH, PULL, PULL_S = 1e-3, 1e-5, 5e-3, 0.3
-NOISE = np.array([TRACKER * SCALE_OF_NORMAL, 1e-6, 0.1, PUSH, PULL, PULL_S, 0.0, 0.0, 0.0, 0.3])
+NOISE = np.array([TRACKER * SCALE_OF_NORMAL, 1e-6, 0.1, PUSH, PULL, PULL_S, 0.0, 0.0, 0.0, 0.0, 0.3])
 
 
 def rows():
