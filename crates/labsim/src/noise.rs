@@ -25,8 +25,8 @@ pub struct Noise {
     /// Standard deviation of the time at which a marble at a wall follows a turn of the board (s): the wall turns
     /// along and knocks the marble away, or holds it.
     pub departure: f64,
-    /// Standard deviation of the time at which a marble that friction holds breaks away (s): how firmly it is held
-    /// differs from place to place.
+    /// Standard deviation of the time at which a marble breaks away that friction holds more firmly than it brakes a
+    /// rolling one (s): how firmly differs from place to place.
     pub release: f64,
     /// Standard deviation of the start velocity (m/s), zero for a marble at rest, if it is released at the first
     /// observed position; none if the start state is known.

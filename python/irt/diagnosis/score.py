@@ -45,6 +45,8 @@ SCALE_OF_NORMAL = 0.8310
 
 #: Effects of the timing of commands, which include the time-step offset between engines.
 TIMES = ALIKE | {JITTER}
+#: Effects that hold a marble at rest more firmly than they brake a rolling one.
+HOLDING = frozenset({"static_friction", "stribeck"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,7 +297,7 @@ class Scores:
                 0.1,
                 0.0,
                 config.DEPARTURE,
-                config.RELEASE,
+                0.0,
                 config.START_VELOCITY,
             ]
         )
@@ -312,6 +314,7 @@ class Scores:
         """Maximise the posterior from (k, n) values, (k, 11) noise sizes and (s, 4) states; keep the best."""
         problem = self.problem(effects)
         values, noise = off_bounds(self.dataset, problem.names, values, noise)
+        noise = with_releases(noise, effects)
         tops = problem.ascend(
             values, noise, None if states is None else [states] * len(values), iterations=iterations
         )
@@ -395,6 +398,20 @@ def quiet(noise: Array) -> Array:
     """Return (k, 11) noise sizes with push and random rebounds as small as for a complete model."""
     sizes = noise.copy()
     sizes[:, [PUSH, PULL, RESTITUTION]] = config.LITTLE
+    return sizes
+
+
+def with_releases(noise: Array, effects: Sequence[str]) -> Array:
+    """Return (k, 11) noise sizes in which a release from rest is random if one of the effects holds marbles.
+
+    Without such an effect a marble breaks away where its push and rolling friction are in balance. When it
+    does makes no difference then, and a size without influence would only hold up a fit.
+    """
+    sizes = noise.copy()
+    if HOLDING.isdisjoint(effects):
+        sizes[:, RELEASE] = 0.0
+    else:
+        sizes[sizes[:, RELEASE] == 0.0, RELEASE] = config.RELEASE
     return sizes
 
 

@@ -9,7 +9,7 @@ from irt.catalogue import effect
 from irt.diagnosis import config
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.hypotheses import MAP, hypotheses
-from irt.diagnosis.score import KICK, LASTING, PULL, PUSH, Scores, mean_delay
+from irt.diagnosis.score import KICK, LASTING, PULL, PUSH, RELEASE, Scores, mean_delay, with_releases
 from irt.diagnosis.screening import Screening
 from irt.diagnosis.selection import Selection
 
@@ -31,6 +31,16 @@ def select(dataset):
     """Return the scores and the posterior of a search over all effects."""
     scores = Scores(dataset)
     return scores, Selection(scores, hypotheses(), quiet).run()
+
+
+def test_a_release_from_rest_is_random_where_friction_holds_more_than_it_brakes():
+    noise = np.full((2, 11), 0.5)
+    noise[0, RELEASE] = 0.0
+    held = with_releases(noise, ["lag", "static_friction"])[:, RELEASE]
+    assert held.tolist() == [config.RELEASE, 0.5]
+    rolling = with_releases(noise, ["lag"])
+    assert not rolling[:, RELEASE].any()
+    assert (np.delete(rolling, RELEASE, axis=1) == 0.5).all()
 
 
 @pytest.mark.slow

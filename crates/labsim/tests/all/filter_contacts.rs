@@ -56,37 +56,41 @@ fn a_turn_of_the_board_makes_uncertain_how_a_marble_leaves_its_wall() {
     }
 }
 
-#[test]
-fn it_is_uncertain_when_a_marble_breaks_away() {
+/// Predicted variances of a marble that comes to rest at a knob's angle (rad) and is freed by a larger turn, if
+/// friction holds it so many times as firmly as it brakes a rolling one, and it breaks away at a time of that
+/// deviation (s).
+fn freed(ratio: f64, angle: f64, release: f64) -> Vec<[f64; 2]> {
     let friction = [EffectInstance {
         effect: effect("static_friction").unwrap(),
-        values: PerRollout::Shared(&[3.0, 0.0]),
+        values: PerRollout::Shared(&[ratio, 0.0]),
     }];
     let values = [0.3, 0.3, 0.004, 12.0, 1.0];
-    // The marble rolls, comes to rest on a board that leans a little, and is freed by a larger turn.
     let commands: Vec<[f64; 2]> = (0..80)
         .map(|row| match row {
             0..10 => [0.0, 0.06],
-            10..60 => [0.0, -0.02],
+            10..60 => [0.0, angle],
             _ => [0.0, 0.2],
         })
         .collect();
     let observed = rolled(values, &friction, &commands, [0.0; 2]);
-    let [sure, unsure] = [0.0, 0.05].map(|release| {
-        let noise = Noise {
-            lasting: 0.0,
-            push: 0.0,
-            start_velocity: Some(0.0),
-            release,
-            ..noise()
-        };
-        let (predicted, _) = filtered(values, &friction, &commands, &observed, noise);
-        predicted.variance
-    });
     assert_eq!(observed[50], observed[60]);
+    let noise = Noise {
+        lasting: 0.0,
+        push: 0.0,
+        start_velocity: Some(0.0),
+        release,
+        ..noise()
+    };
+    let (predicted, _) = filtered(values, &friction, &commands, &observed, noise);
+    predicted.variance
+}
+
+#[test]
+fn it_is_uncertain_when_a_marble_breaks_away() {
+    let [sure, unsure] = [0.0, 0.05].map(|release| freed(3.0, -0.02, release));
     assert_eq!(sure[1..=60], unsure[1..=60]);
-    // A row later its place has the deviation of a push that acted 0.05 s longer or shorter.
-    let speed = 0.05 * 5.0 / 7.0 * GRAVITY * 0.3 * 0.2;
+    // A row later its place has the deviation of 0.05 s more or less under what held it beyond rolling friction.
+    let speed = 0.05 * 5.0 / 7.0 * GRAVITY * (0.3 * 0.02 - 0.004);
     let expected = (speed * ROW_S / Rig::default().board.edge_x_m).powi(2);
     let found = unsure[61][0] - sure[61][0];
     assert!(
@@ -97,6 +101,12 @@ fn it_is_uncertain_when_a_marble_breaks_away() {
     for row in 1..80 {
         assert_eq!(sure[row][1], unsure[row][1]);
     }
+}
+
+#[test]
+fn a_marble_that_rolling_friction_alone_holds_breaks_away_at_a_certain_time() {
+    let [sure, unsure] = [0.0, 0.05].map(|release| freed(1.0, -0.01, release));
+    assert_eq!(sure[1..], unsure[1..]);
 }
 
 /// Rolls along x, seen with an alternating error of the tracker's size.

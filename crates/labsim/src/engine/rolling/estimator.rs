@@ -17,7 +17,7 @@ use crate::board::GRAVITY;
 use crate::correction::Correction;
 use crate::engine::{Job, Measured, Sink};
 use crate::lanes::{Lanes, Mask};
-use crate::motion::{Marbles, Pair, Rims};
+use crate::motion::{Marbles, Pair, Rims, length};
 use crate::noise::Noise;
 
 /// Degrees of freedom of the Student-t distribution of the tracker's errors: as in least squares
@@ -192,11 +192,17 @@ impl<S: Simd> Estimator<S> {
     /// Lets a row make the marbles uncertain: pushes, turns of the board, rests and releases from them, and walls;
     /// returns by which factors walls are expected to change an additional speed along x and along y.
     #[inline(always)]
-    fn grow(&mut self, lasted: &Row<S>, tilt: &Pair<S>, rims: &Rims<S>, rests: Mask<S>) -> Pair<S> {
+    fn grow(&mut self, lasted: &Row<S>, board: &Register<S>, rests: Mask<S>) -> Pair<S> {
+        let (rims, tilt, push) = (&board.rims, &board.actuation.tilt, &board.actuation.push);
+        let resistance = push.resistance.over(push.length);
         let (seconds, variances) = (lasted.seconds, &self.variances);
         let zero = seconds.like(0.0);
-        let freed = self.held.gt(zero) & !rests;
+        let at_rim = self.place[0].abs().ge(rims.reach_x) | self.place[1].abs().ge(rims.reach_y);
+        let freed = self.held.gt(zero) & !rests & !at_rim;
         self.held = rests.select(zero.like(1.0), zero);
+        // The share of the push that held the marble more firmly than a rolling one is braked.
+        let least = ACCELERATION * length(self.tilt[0], self.tilt[1]);
+        let more = freed.select((least.like(1.0) - resistance.over(least)).max(zero), zero);
         let mut met = [zero; 2];
         for (axis, reach) in [rims.reach_x, rims.reach_y].into_iter().enumerate() {
             let covariance = &mut self.axes[axis];
@@ -212,9 +218,9 @@ impl<S: Simd> Estimator<S> {
             let leaves = place.abs().ge(reach) & (turned * place).lt(zero);
             let of_time = variances.jitter + leaves.select(variances.departure, zero);
             covariance.kick(turned, seconds, of_time);
-            // At its release, all of the push counts.
-            let push = pushes * tilt[1 - axis];
-            covariance.kick(push, seconds, freed.select(variances.release, zero));
+            // It would have moved as long before, or moves as long after, by what was more than it takes to roll.
+            let spare = pushes * self.tilt[1 - axis] * more;
+            covariance.kick(spare, seconds, freed.select(variances.release, zero));
             covariance.settle(rests, seconds, variances);
             let velocity = self.velocity[axis];
             let pushed = 0.5 * pushes * (tilt[1 - axis] + self.tilt[1 - axis]);
@@ -275,7 +281,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         let seconds = of_job(&length);
         let lasted = estimator.lasted(seconds, group, &length);
         let rests = estimator.resting(marbles);
-        let carried = estimator.grow(&lasted, tilt, rims, rests);
+        let carried = estimator.grow(&lasted, board, rests);
         estimator.start.advance(seconds);
         let at_rest = estimator.stop.places();
         let places = [&mut marbles.x, &mut marbles.y];
