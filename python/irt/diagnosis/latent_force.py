@@ -135,8 +135,10 @@ class LatentForce:
 
     def _likelihood(self, covariances: Pair, data: Sequence[Array]) -> Array:
         """Return the log restricted likelihood (k,) of (n, k) data of both axes under these covariances."""
-        x, y = (_restricted(*one) for one in zip(covariances, self._fixed, data, strict=True))
-        return np.asarray(x + y)
+        x, y = covariances
+        lower = cholesky(x, lower=True, check_finite=False)
+        lowers = (lower, lower if y is x else cholesky(y, lower=True, check_finite=False))
+        return np.asarray(sum(_restricted(*one) for one in zip(lowers, self._fixed, data, strict=True)))
 
     def _kernels(self) -> list[tuple[str, str, Pair]]:
         """Return variable, stage and unit covariances (n, n) of both coordinates."""
@@ -192,8 +194,12 @@ class LatentForce:
         moved_y = moved_x if y is x else self._position_covariance(y, stage)
         scale = 2.0 * self._noise**2 / max(float(np.mean(np.diag(moved_x + moved_y))), 1e-300)
         tried = list(product(scale * _SIZES, noises))
-        covariances = [(size * moved_x + noise, size * moved_y + noise) for size, noise in tried]
-        likelihoods = np.array([self._likelihood(one, data) for one in covariances])
+        found = []
+        for size, noise in tried:
+            of_x = size * moved_x + noise
+            of_y = of_x if moved_y is moved_x else size * moved_y + noise
+            found.append(self._likelihood((of_x, of_y), data))
+        likelihoods = np.array(found)
         size, _ = tried[int(likelihoods[:, 0].argmax())]
         return likelihoods.max(axis=0), float(np.sqrt(size * float(np.mean(np.diag(x)))))
 
@@ -212,9 +218,11 @@ def _noise_correction(share: float) -> float:
     return float(np.linalg.norm(signs) / np.sqrt(signs @ share**apart @ signs))
 
 
-def _restricted(covariance: Array, fixed: Array, data: Array) -> Array:
-    """Return the log restricted likelihood of (n, k) data, up to a constant, (k,)."""
-    lower = cholesky(covariance, lower=True, check_finite=False)
+def _restricted(lower: Array, fixed: Array, data: Array) -> Array:
+    """Return the log restricted likelihood of (n, k) data, up to a constant, (k,).
+
+    `lower` is the Cholesky factor (n, n) of their covariance.
+    """
     both = solve_triangular(lower, np.column_stack([fixed, data]), lower=True, check_finite=False)
     of_fixed, of_data = both[:, : fixed.shape[1]], both[:, fixed.shape[1] :]
     basis, triangle = np.linalg.qr(of_fixed)

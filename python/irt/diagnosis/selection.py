@@ -442,11 +442,13 @@ class Selection:
         """
         if len(one.effects) < 3:
             return None
-        for pair in itertools.permutations(one.effects, 2):
+        for pair in itertools.combinations(one.effects, 2):
             if len({effect(name).stage for name in pair}) > 1:
                 continue
             rest = tuple(name for name in one.effects if name not in pair)
-            for less in _best(self._refitted(self.without(one, pair[0]), rest), 1):
+            # Whichever goes first, the same set remains; the search goes on from its better fit.
+            fits = [fit for first in pair for fit in self._refitted(self.without(one, first), rest)]
+            for less in _best(fits, 1):
                 others = [other for other in self._other(less) if other not in pair]
                 better = self._best_child(less, others, config.SWAPPED, one.score)
                 if better is not None and better.score > one.score + config.BETTER:

@@ -200,9 +200,9 @@ impl<S: Simd> Estimator<S> {
         let at_rim = self.place[0].abs().ge(rims.reach_x) | self.place[1].abs().ge(rims.reach_y);
         let freed = self.held.gt(zero) & !rests & !at_rim;
         self.held = rests.select(zero.like(1.0), zero);
-        // The share of the push that held the marble more firmly than a rolling one is braked.
-        let least = ACCELERATION * length(self.tilt[0], self.tilt[1]);
-        let more = freed.select((least.like(1.0) - resistance.over(least)).max(zero), zero);
+        // The share of the last row's push beyond rolling friction, which the marble was held against.
+        let held = ACCELERATION * length(self.tilt[0], self.tilt[1]);
+        let excess = freed.select((held.like(1.0) - resistance.over(held)).max(zero), zero);
         let mut met = [zero; 2];
         for (axis, reach) in [rims.reach_x, rims.reach_y].into_iter().enumerate() {
             let covariance = &mut self.axes[axis];
@@ -218,9 +218,9 @@ impl<S: Simd> Estimator<S> {
             let leaves = place.abs().ge(reach) & (turned * place).lt(zero);
             let of_time = variances.jitter + leaves.select(variances.departure, zero);
             covariance.kick(turned, seconds, of_time);
-            // It would have moved as long before, or moves as long after, by what was more than it takes to roll.
-            let spare = pushes * self.tilt[1 - axis] * more;
-            covariance.kick(spare, seconds, freed.select(variances.release, zero));
+            // A marble that breaks away earlier or later gains or misses that excess for as long.
+            let missed = pushes * self.tilt[1 - axis] * excess;
+            covariance.kick(missed, seconds, freed.select(variances.release, zero));
             covariance.settle(rests, seconds, variances);
             let velocity = self.velocity[axis];
             let pushed = 0.5 * pushes * (tilt[1 - axis] + self.tilt[1 - axis]);
