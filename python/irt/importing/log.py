@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -86,8 +87,8 @@ class Log:
 
     @property
     def period(self) -> float:
-        """Median time from state to state [s]."""
-        return float(np.median(np.diff(self.stamps)))
+        """Median time from state to state [s]; NaN for a single one."""
+        return float(np.median(np.diff(self.stamps))) if len(self.stamps) > 1 else math.nan
 
 
 @dataclass(frozen=True, eq=False)
