@@ -21,7 +21,6 @@ from irt.errors import IrtError
 from irt.fitting.unfinished import Unfinished, answered
 from irt.importing import import_bags
 from irt.importing.lab_bags import topics_of
-from irt.importing.logs import import_logs
 from irt.importing.mapping import Expression
 from irt.importing.own_bags import _following
 from irt.importing.tables import read_replay
@@ -253,11 +252,12 @@ def _changed_run(path: Path, column: str, value: str) -> Path:
 
 
 @pytest.mark.parametrize("rows", [2, 3, 4])
-def test_a_log_of_so_few_rows_that_none_follows_warned_in_its_import(tmp_path, rows) -> None:
-    (seed,) = next(one for one in READERS if one.name == "import").seeds()
-    (tmp_path / "log.csv").write_text("\n".join(seed.splitlines()[: 1 + rows]) + "\n", encoding="utf-8")
-    with pytest.raises(IrtError, match="no run of at least 30 rows and 1 s between gaps"):
-        import_logs([tmp_path / "log.csv"], tmp_path / "rig", "cyberrunner", dry_run=True)
+def test_a_log_of_so_few_rows_that_none_follows_warned_in_its_import(rows) -> None:
+    (reader,) = (one for one in READERS if one.name == "import")
+    lines = str(reader.seeds()[0]).splitlines()[: 1 + rows]
+    refused_with = outcome(reader, ("\n".join(lines) + "\n").encode())
+    assert refused_with is not None
+    assert "no run of at least 30 rows and 1 s between gaps" in refused_with
 
 
 def test_tilts_too_large_to_average_warned(tmp_path) -> None:

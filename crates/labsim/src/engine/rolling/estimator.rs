@@ -197,8 +197,11 @@ impl<S: Simd> Estimator<S> {
         let resistance = push.resistance.over(push.length);
         let (seconds, variances) = (lasted.seconds, &self.variances);
         let zero = seconds.like(0.0);
-        let at_rim = self.place[0].abs().ge(rims.reach_x) | self.place[1].abs().ge(rims.reach_y);
-        let freed = self.held.gt(zero) & !rests & !at_rim;
+        let at_rim = [
+            self.place[0].abs().ge(rims.reach_x),
+            self.place[1].abs().ge(rims.reach_y),
+        ];
+        let freed = self.held.gt(zero) & !rests & !(at_rim[0] | at_rim[1]);
         self.held = rests.select(zero.like(1.0), zero);
         // The share of the last row's push beyond rolling friction, which the marble was held against.
         let held = ACCELERATION * length(self.tilt[0], self.tilt[1]);
@@ -215,12 +218,12 @@ impl<S: Simd> Estimator<S> {
             };
             let turned = pushes * (tilt[1 - axis] - self.tilt[1 - axis]);
             let place = self.place[axis];
-            let leaves = place.abs().ge(reach) & (turned * place).lt(zero);
+            let leaves = at_rim[axis] & (turned * place).lt(zero);
             let of_time = variances.jitter + leaves.select(variances.departure, zero);
             covariance.kick(turned, seconds, of_time);
             // A marble that breaks away earlier or later gains or misses that excess for as long.
             let missed = pushes * self.tilt[1 - axis] * excess;
-            covariance.kick(missed, seconds, freed.select(variances.release, zero));
+            covariance.kick(missed, seconds, variances.release);
             covariance.settle(rests, seconds, variances);
             let velocity = self.velocity[axis];
             let pushed = 0.5 * pushes * (tilt[1 - axis] + self.tilt[1 - axis]);
