@@ -44,6 +44,7 @@ def effects() -> list[
         str,
         list[str],
         tuple[bool, bool, bool, bool, bool, bool],
+        str | None,
     ]
 ]: ...
 def rollouts(

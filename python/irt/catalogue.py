@@ -123,6 +123,9 @@ class EffectInfo:
         Whether it acts between the command and the board's tilt.
     of_rims : bool
         Whether it is a law of rebounds from the rim.
+    noise : str or None
+        The random quantity of a filter with it: "jitter" of delays, or "release" of a marble that friction
+        holds at rest more firmly than it brakes a rolling one.
     """
 
     name: str
@@ -139,6 +142,7 @@ class EffectInfo:
     shrunk: bool
     moves_board: bool
     of_rims: bool
+    noise: str | None
 
     @property
     def required(self) -> tuple[EffectParameter, ...]:
@@ -252,7 +256,7 @@ def _column(effect_name: str, name: str, value: Any, count: int) -> Array:
 def _known() -> dict[str, EffectInfo]:
     found = {}
     for one in _labsim.effects():
-        name, stage, equation, parameters, does, matters, looks, references, flags = one
+        name, stage, equation, parameters, does, matters, looks, references, flags, noise = one
         listed, turns, hypothesis, shrunk, moves_board, of_rims = flags
         found[name] = EffectInfo(
             name=name,
@@ -269,5 +273,6 @@ def _known() -> dict[str, EffectInfo]:
             shrunk=shrunk,
             moves_board=moves_board,
             of_rims=of_rims,
+            noise=noise,
         )
     return found

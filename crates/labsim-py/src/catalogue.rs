@@ -28,7 +28,8 @@ type Parameter = (
 /// parameters, acts between command and tilt, and changes the rim's contact law.
 type Flags = (bool, bool, bool, bool, bool, bool);
 
-/// Name, stage, equation, parameters, what it does, when it matters, what it looks like, references, flags.
+/// Name, stage, equation, parameters, what it does, when it matters, what it looks like, references, flags, and what
+/// is random with it.
 type EffectSpec = (
     &'static str,
     String,
@@ -39,6 +40,7 @@ type EffectSpec = (
     &'static str,
     Vec<&'static str>,
     Flags,
+    Option<String>,
 );
 
 /// The catalogue of effects in the order in which they act, then the effects that are no hypotheses; see `irt.effects`.
@@ -82,6 +84,7 @@ pub(crate) fn catalogue() -> Vec<EffectSpec> {
                     about.moves_board(),
                     about.is_of_rims(),
                 ),
+                about.noise.map(|one| one.to_string()),
             )
         })
         .collect()

@@ -14,6 +14,8 @@ SPINNING = (1e-4, 5e-4, 2.5e-3)
 DEPARTURE = 0.01
 #: Initial standard deviation of the time at which a marble that friction holds breaks away [s].
 RELEASE = 0.01
+#: Standard deviation of jittered delays [s] in a fit that starts without jitter.
+KICK = 0.01
 #: Draws of each effect in the screening.
 DRAWS = 32
 #: Most refinements of the draws of a one-parameter effect whose neighbouring draws differ completely.

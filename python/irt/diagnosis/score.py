@@ -45,8 +45,8 @@ SCALE_OF_NORMAL = 0.8310
 
 #: Effects of the timing of commands, which include the time-step offset between engines.
 TIMES = ALIKE | {JITTER}
-#: Effects that hold a marble at rest more firmly than they brake a rolling one.
-HOLDING = frozenset({"static_friction", "stribeck"})
+#: Index and initial value of the noise sizes that a set has because of its effects, by `EffectInfo.noise`.
+OF_EFFECTS = {"jitter": (KICK, config.KICK), "release": (RELEASE, config.RELEASE)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,7 +314,7 @@ class Scores:
         """Maximise the posterior from (k, n) values, (k, 11) noise sizes and (s, 4) states; keep the best."""
         problem = self.problem(effects)
         values, noise = off_bounds(self.dataset, problem.names, values, noise)
-        noise = with_releases(noise, effects)
+        noise = of_effects(noise, effects)
         tops = problem.ascend(
             values, noise, None if states is None else [states] * len(values), iterations=iterations
         )
@@ -401,17 +401,16 @@ def quiet(noise: Array) -> Array:
     return sizes
 
 
-def with_releases(noise: Array, effects: Sequence[str]) -> Array:
-    """Return (k, 11) noise sizes in which a release from rest is random if one of the effects holds marbles.
+def of_effects(noise: Array, effects: Sequence[str]) -> Array:
+    """Return (k, 11) noise sizes of which those that belong to effects are zero without such an effect.
 
-    Without such an effect a marble breaks away where its push and rolling friction are in balance. When it
-    does makes no difference then, and a size without influence would only hold up a fit.
+    For example, a marble that rolling friction alone holds breaks away where its push and the friction are in
+    balance. When it does makes no difference then, and a size without influence would only hold up a fit.
     """
     sizes = noise.copy()
-    if HOLDING.isdisjoint(effects):
-        sizes[:, RELEASE] = 0.0
-    else:
-        sizes[sizes[:, RELEASE] == 0.0, RELEASE] = config.RELEASE
+    random = {effect(name).noise for name in effects}
+    for name, (index, start) in OF_EFFECTS.items():
+        sizes[:, index] = np.where(sizes[:, index] > 0.0, sizes[:, index], start) if name in random else 0.0
     return sizes
 
 

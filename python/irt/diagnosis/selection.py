@@ -15,7 +15,7 @@ from irt.diagnosis import config
 from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, ON_AVERAGE, SMOOTHED
 from irt.diagnosis.maxima import promising, without_pull
 from irt.diagnosis.result import UNLISTED
-from irt.diagnosis.score import KICK, PULL, PUSH, Array, Scored, Scores, quiet
+from irt.diagnosis.score import PULL, PUSH, Array, Scored, Scores, quiet
 from irt.diagnosis.screening import Promise, Screening, child, place_of
 from irt.diagnosis.validation import Validation
 
@@ -390,8 +390,6 @@ class Selection:
         values = np.tile(self.scores.from_where(self.scores.problem(rest), one), (3, 1))
         noises = np.tile(one.noise, (3, 1))
         noises[1:, PUSH] = config.PUSHES[1:3]
-        if JITTER not in rest:
-            noises[:, KICK] = 0.0
         return self.scores.ascend(rest, values, noises, one.top.states, iterations=config.THOROUGH)
 
     def _stripped(self, one: Scored, name: str) -> Scored:

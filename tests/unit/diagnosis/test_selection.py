@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irt.catalogue import effect
+from irt.catalogue import effect, effects
 from irt.diagnosis import config
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.hypotheses import MAP, hypotheses
-from irt.diagnosis.score import KICK, LASTING, PULL, PUSH, RELEASE, Scores, mean_delay, with_releases
+from irt.diagnosis.score import KICK, LASTING, OF_EFFECTS, PULL, PUSH, RELEASE, Scores, mean_delay, of_effects
 from irt.diagnosis.screening import Screening
 from irt.diagnosis.selection import Selection
 
@@ -33,14 +33,26 @@ def select(dataset):
     return scores, Selection(scores, hypotheses(), quiet).run()
 
 
-def test_a_release_from_rest_is_random_where_friction_holds_more_than_it_brakes():
+@pytest.mark.parametrize(
+    ("index", "start", "effects"),
+    [
+        (RELEASE, config.RELEASE, ["static_friction"]),
+        (RELEASE, config.RELEASE, ["stribeck"]),
+        (KICK, config.KICK, ["delay_jitter"]),
+    ],
+)
+def test_noise_sizes_of_effects_are_zero_without_them(index, start, effects):
     noise = np.full((2, 11), 0.5)
-    noise[0, RELEASE] = 0.0
-    held = with_releases(noise, ["lag", "static_friction"])[:, RELEASE]
-    assert held.tolist() == [config.RELEASE, 0.5]
-    rolling = with_releases(noise, ["lag"])
-    assert not rolling[:, RELEASE].any()
-    assert (np.delete(rolling, RELEASE, axis=1) == 0.5).all()
+    noise[0, index] = 0.0
+    assert of_effects(noise, ["viscous_drag", *effects])[:, index].tolist() == [start, 0.5]
+    others = [RELEASE, KICK]
+    without = of_effects(noise, ["viscous_drag", "unlisted"])
+    assert not without[:, others].any()
+    assert (np.delete(without, others, axis=1) == 0.5).all()
+
+
+def test_each_noise_size_of_an_effect_has_a_place_in_the_filter():
+    assert {one.noise for one in effects()} - {None} == set(OF_EFFECTS)
 
 
 @pytest.mark.slow

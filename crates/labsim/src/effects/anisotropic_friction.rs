@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnMarble(Memory::None),
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "resistance = rolling_friction g |(v_along, ratio × v_across)|/|v|, along and across the grain",
     parameters: &[
         Parameter {

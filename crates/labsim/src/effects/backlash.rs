@@ -27,6 +27,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnKnob { moves: false },
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "θ = min(max(θ before, command - width/2), command + width/2)",
     parameters: &[
         parameter(

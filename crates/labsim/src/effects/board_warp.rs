@@ -27,6 +27,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnMarble(Memory::None),
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "height = (c_xx x² + 2 c_xy x y + c_yy y²)/2, acceleration = -g grad(height)",
     parameters: &[
         parameter("curvature_xx_per_m", "c_xx, curvature along x; positive as in a bowl"),

@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnMarble(Memory::None),
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "height = h exp(-r²/(2 w²)), acceleration = -g grad(height)",
     parameters: &[
         Parameter::on_board("x_m", 0.138, "its centre along x"),

@@ -27,6 +27,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnPicture,
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "seen = position + offset",
     parameters: &[
         parameter("x_edges", "tracked position of the board's centre along x"),

@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnPicture,
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "seen = (x cos a - y sin a, x sin a + y cos a)",
     parameters: &[Parameter {
         name: "angle_rad",

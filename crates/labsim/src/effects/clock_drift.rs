@@ -12,6 +12,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnClock,
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "row length = command length × (1 + drift (part of the recording that has passed - 1/2))",
     parameters: &[Parameter {
         name: "drift",

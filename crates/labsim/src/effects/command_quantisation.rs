@@ -16,6 +16,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnKnob { moves: false },
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "knob = step × round(command/step)",
     parameters: &[Parameter {
         name: "step_rad",

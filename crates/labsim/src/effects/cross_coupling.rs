@@ -27,6 +27,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnTilt,
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "tilt_x = gear_x knob_x + a gear_y knob_y, tilt_y = gear_y knob_y + b gear_x knob_x",
     parameters: &[
         parameter(

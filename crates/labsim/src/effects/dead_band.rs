@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnKnob { moves: false },
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "knob = command - clamp(command, -b, b)",
     parameters: &[
         Parameter {

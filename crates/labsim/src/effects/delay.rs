@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnArrival,
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "knob(t) = command(t - delay)",
     parameters: &[
         Parameter {

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{EffectSpec, Hook, Effect, Parameter, Stage};
+use super::{Effect, EffectNoise, EffectSpec, Hook, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnArrival,
     hypothesis: true,
     shrunk: false,
+    noise: Some(EffectNoise::Jitter),
     equation: "knob(t + late_i) = command_i, late_i = max(0, delay + sd × N(0, 1))",
     parameters: &[Parameter {
         name: "sd_s",

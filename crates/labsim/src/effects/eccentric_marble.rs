@@ -15,6 +15,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnMarble(Memory::Turning),
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "acceleration = 5/7 offset (g e + (e · v) v/R), e the horizontal part of the direction of the heavy side, \
                which turns as the marble rolls (and, once it spins about the vertical, + 5/7 offset R (ω_z² e - ω_z e_z ω)); \
                or, if it follows the path, 5/7 g offset sin(s/R + phase) v̂, s the way so far",

@@ -16,6 +16,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnMarble(Memory::None),
     hypothesis: false,
     shrunk: false,
+    noise: None,
     equation: "resistance = rolling_friction g × factor where the marble is closer to the rim than width",
     parameters: &[
         Parameter {

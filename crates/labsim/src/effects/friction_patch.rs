@@ -16,6 +16,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnMarble(Memory::None),
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "resistance = rolling_friction g × factor where |position - place| < radius",
     parameters: &[
         Parameter::on_board("x_m", 0.138, "its centre along x"),

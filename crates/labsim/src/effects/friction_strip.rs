@@ -16,6 +16,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnMarble(Memory::None),
     hypothesis: false,
     shrunk: false,
+    noise: None,
     equation: "resistance = rolling_friction g × factor where |y cos(angle) - x sin(angle) - offset| < width/2",
     parameters: &[
         Parameter::on_board(

@@ -27,6 +27,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnKnob { moves: false },
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "tilt = gear × (θ + a |θ|)",
     parameters: &[
         parameter(

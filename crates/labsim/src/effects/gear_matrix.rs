@@ -27,6 +27,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnTilt,
     hypothesis: false,
     shrunk: false,
+    noise: None,
     equation: "tilt_x = gear_x θ_x + a θ_y, tilt_y = gear_y θ_y + b θ_x",
     parameters: &[
         parameter(

@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnKnob { moves: false },
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "tilt = gear × (θ + b θ³)",
     parameters: &[
         Parameter {

@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnKnob { moves: true },
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "T dθ/dt = command - θ",
     parameters: &[
         Parameter {

@@ -12,6 +12,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnExposure,
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "seen(t) = marble(t - latency)",
     parameters: &[Parameter {
         name: "latency_s",

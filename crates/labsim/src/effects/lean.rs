@@ -27,6 +27,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnTilt,
     hypothesis: false,
     shrunk: true,
+    noise: None,
     equation: "tilt = gear × knob + lean of this run, lean ~ size × N(0, 1)",
     parameters: &[
         parameter("lean_x_rad", (-0.03, 0.03), "tilt about x in this run while the knobs are level"),

@@ -17,6 +17,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnPicture,
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "seen = position × (1 + k r²), r in board edges from the centre",
     parameters: &[Parameter {
         name: "k_per_edge2",

@@ -18,7 +18,7 @@ mod spec;
 
 use pulp::Simd;
 
-pub use self::spec::{EffectSpec, Parameter, Stage};
+pub use self::spec::{EffectNoise, EffectSpec, Parameter, Stage};
 pub(crate) use self::spec::{Hook, Memory};
 use crate::board::Rig;
 use crate::error::{Error, Result};

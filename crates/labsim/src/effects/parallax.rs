@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnPicture,
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "seen = position + height × (tilt_y, -tilt_x)",
     parameters: &[Parameter {
         name: "height_m_per_rad",

@@ -30,6 +30,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnPicture,
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "seen = position/(1 + p · position), in board edges from the centre",
     parameters: &[
         parameter(

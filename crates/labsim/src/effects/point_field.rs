@@ -30,6 +30,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnMarble(Memory::None),
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "acceleration = k d/(|d|² + (30 mm)²)^(3/2), d along the board from the marble to the point",
     parameters: &[
         place("x_m", "where the point is, along x"),

@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnKnob { moves: true },
     hypothesis: false,
     shrunk: false,
+    noise: None,
     equation: "T² d²θ/dt² + 2 ζ T dθ/dt + θ = command",
     parameters: &[
         Parameter {

@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnMarble(Memory::None),
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "acceleration = k ẑ × w, w the rolling velocity",
     parameters: &[Parameter {
         name: "rate_per_s",

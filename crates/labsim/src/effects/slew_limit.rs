@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnKnob { moves: true },
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "dθ/dt = rate × sgn(command - θ) until the command is reached",
     parameters: &[
         Parameter {

@@ -50,6 +50,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnMarble(Memory::None),
     hypothesis: false,
     shrunk: true,
+    noise: None,
     equation: "height = Σ slope_ij n_ij cos(i π (x/edge_x + ½)) cos(j π (y/edge_y + ½)), acceleration = -g grad(height)",
     parameters: &[
         slope("slope_10", "rms slope of one half wave along x"),

@@ -37,6 +37,24 @@ impl fmt::Display for Stage {
     }
 }
 
+/// A size of [`crate::Noise`] that a rig has because of an effect, and not without it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum EffectNoise {
+    /// [`crate::Noise::jitter`], of effects that delay commands at random.
+    Jitter,
+    /// [`crate::Noise::release`], of effects that hold a marble at rest more firmly than they brake a rolling one.
+    Release,
+}
+
+impl fmt::Display for EffectNoise {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Jitter => "jitter",
+            Self::Release => "release",
+        })
+    }
+}
+
 /// The place in the simulation where an effect acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(
@@ -194,6 +212,8 @@ pub struct EffectSpec {
     pub hypothesis: bool,
     /// Whether a fit shrinks its parameters: they have a common normal prior about zero with an estimated size.
     pub shrunk: bool,
+    /// What is random in a filter with it.
+    pub noise: Option<EffectNoise>,
     /// Its equation, in one line.
     pub equation: &'static str,
     /// Its parameters, in the order of arrays.

@@ -12,6 +12,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnSpin,
     hypothesis: false,
     shrunk: false,
+    noise: None,
     equation: "dω_z/dt = -sign(ω_z) × 5/2 (spinning_friction + increase) g/r",
     parameters: &[Parameter {
         name: "increase",

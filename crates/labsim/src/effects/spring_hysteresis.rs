@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnKnob { moves: false },
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "θ = command + strength × z, dz = dcommand - (|dcommand| z + dcommand |z|)/(2 width): in one step a change if \
                the knob jumps, else along it",
     parameters: &[

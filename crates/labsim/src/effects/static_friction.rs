@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{EffectSpec, Hook, Effect, Memory, Parameter, Stage};
+use super::{Effect, EffectNoise, EffectSpec, Hook, Memory, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -16,6 +16,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnMarble(Memory::None),
     hypothesis: true,
     shrunk: false,
+    noise: Some(EffectNoise::Release),
     equation: "resistance = rolling_friction g × (1 + (ratio - 1)(1 - exp(-rest/rest_time)) at rest, 1 in motion)",
     parameters: &[
         Parameter {

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{EffectSpec, Hook, Effect, Memory, Parameter, Stage};
+use super::{Effect, EffectNoise, EffectSpec, Hook, Memory, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnMarble(Memory::None),
     hypothesis: true,
     shrunk: false,
+    noise: Some(EffectNoise::Release),
     equation: "resistance = rolling_friction g (1 + strength exp(-|v|/v_s))",
     parameters: &[
         Parameter {

@@ -27,6 +27,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnTilt,
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "tilt = gear × knob + bias",
     parameters: &[
         parameter("bias_x_rad", "tilt about x while the knobs are level"),

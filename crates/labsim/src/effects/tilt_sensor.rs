@@ -41,6 +41,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnGauge,
     hypothesis: false,
     shrunk: false,
+    noise: None,
     equation: "measured tilt = gain × tilt + zero",
     parameters: &[
         zero("zero_x_rad", "measured tilt about x of a board that is level"),

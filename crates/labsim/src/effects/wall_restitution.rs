@@ -13,6 +13,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnRims,
     hypothesis: true,
     shrunk: false,
+    noise: None,
     equation: "v_n after = -e v_n before, e = clamp(wall_restitution + increase, 0, 0.95) × (|v_n| before / 0.1 m/s)^-falloff, at \
                most 0.95; friction ≤ max(0, wall_friction + friction_increase) × normal impulse",
     parameters: &[

@@ -193,6 +193,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     acts: Hook::OnMarbleAndPicture,
     hypothesis: false,
     shrunk: false,
+    noise: None,
     equation: "acceleration = Σ push f(s) - (drag + Σ brake f(s)) (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g (gain (mode - angles) + Σ gear f(s) angles), \
                s = wave · place + swift · velocity + heading · v̂ + tilt · angles + rate t + way ℓ + phase, d²mode/dt² = rate² (angles - mode) - 2 damping rate d mode/dt, \
                seen = (1 + growth · angles) R(turn · angles) seen; at the rim: a push away less hold, and - (brake + drag v) v̂",
