@@ -176,7 +176,8 @@ class Smoothed:
     ----------
     push, push_deviation : list of (n, 2) arrays
         Accelerations missing in the model between the row before and each row, and their standard deviations
-        [m/s^2]; NaN in first rows; empty if there are too few observations.
+        [m/s^2]; NaN in first rows and where friction holds the marble; empty if there are too few
+        observations.
     lasting, lasting_deviation : list of (n, 2) arrays
         Correlated noise of the tracker, and its standard deviations [board edges].
     """

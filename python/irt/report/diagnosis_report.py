@@ -285,7 +285,8 @@ class _Report:
         plot_push(path, most, self.shown, rows_s, stamped=self.stamped)
         caption = (
             f"{most.recording}: acceleration of the marble that is missing in the simulator, estimated from "
-            "all rows, with 95 % bands. Where the physics is complete, the bands contain zero."
+            "all rows, with 95 % bands. Where the physics is complete, the bands contain zero; where friction "
+            "holds the marble, no push can be observed."
         )
         return [Picture(path, caption)]
 

@@ -20,7 +20,8 @@ pub struct Estimate {
 /// Smoothed estimates of one axis of one row, given all rows of the stretch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Smoothed {
-    /// Random acceleration of all kinds between the previous row and this one (m/s²); NaN in first rows.
+    /// Random acceleration of all kinds between the previous row and this one (m/s²); NaN in first rows, and where
+    /// friction holds the marble, which shows nothing of what pushes it.
     pub push: Estimate,
     /// The tracker's lasting error (board edges).
     pub lasting: Estimate,
@@ -82,9 +83,11 @@ pub(super) fn smoothed(rows: &[Correction]) -> Vec<Smoothed> {
             taken_in.transpose() * curvature * taken_in + row.weight * seen * seen.transpose();
         let last = number.checked_sub(1).map(|last| &rows[last]);
         found.push(Smoothed {
-            push: last.map_or(Estimate::UNKNOWN, |last| {
-                push(last, row, &slope, &curvature)
-            }),
+            push: last
+                .filter(|_| row.rests == 0.0)
+                .map_or(Estimate::UNKNOWN, |last| {
+                    push(last, row, &slope, &curvature)
+                }),
             lasting: {
                 let own = before.column(3);
                 Estimate {
@@ -112,8 +115,7 @@ fn push(
     let after = last.taken_in(&before) * before;
     let pull = last.pull + last.weight * last.off * last.seen().dot(&before.column(2));
     let s = row.seconds;
-    // On average, friction holds a resting marble against the lasting acceleration.
-    let of_pull = (1.0 - row.rests) * row.of_pull().0 / s;
+    let of_pull = row.of_pull().0 / s;
     // Covariances of the acceleration with the state in the second row.
     let with_pull = row.transition() * after.column(2) * of_pull;
     let with_white = row.rim() * Vector4::new(0.5 * s, 1.0, 0.0, 0.0) * (row.push / s);

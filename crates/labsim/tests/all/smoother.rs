@@ -107,3 +107,31 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn no_push_is_known_while_friction_holds_the_marble() {
+    let values = [0.02, 0.03, 2e-3, 12.0, 1.1];
+    let commands: Vec<[f64; 2]> = (0..20)
+        .map(|i| [if i < 10 { 0.0 } else { 1.0 }; 2])
+        .collect();
+    let observed = rolled(values, &[], &commands, [0.02, -0.01]);
+    let noise = Noise {
+        start_velocity: None,
+        pull: 0.01,
+        ..noise()
+    };
+    let found = smoothed(values, &commands, &observed, noise);
+    let known: Vec<bool> = found
+        .iter()
+        .map(|row| row[0].push.mean.is_finite())
+        .collect();
+    let first = known.iter().position(|&is| is).unwrap();
+    assert!((10..12).contains(&first), "{known:?}");
+    assert!(known[first..].iter().all(|&is| is), "{known:?}");
+    assert!(
+        found[first..]
+            .iter()
+            .flatten()
+            .all(|one| one.push.deviation > 0.0)
+    );
+}
