@@ -285,8 +285,8 @@ class _Report:
         plot_push(path, most, self.shown, rows_s, stamped=self.stamped)
         caption = (
             f"{most.recording}: acceleration of the marble that is missing in the simulator, estimated from "
-            "all rows, with 95 % bands. Where the physics is complete, the bands contain zero; where friction "
-            "holds the marble, no push can be observed."
+            "all rows, with 95 % bands. Where the physics is complete, the bands contain zero. No push can "
+            "be observed where friction holds the marble."
         )
         return [Picture(path, caption)]
 
