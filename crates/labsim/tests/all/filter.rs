@@ -264,7 +264,7 @@ proptest! {
             for one in row {
                 prop_assert!(one.lasting.mean.is_finite() && one.lasting.deviation.is_finite());
                 for known in [one.push.mean, one.push.deviation] {
-                    prop_assert!(if held { known.is_nan() } else { known.is_finite() });
+                    prop_assert_eq!((known.is_nan(), known.is_finite()), (held, !held));
                 }
             }
         }
