@@ -1,11 +1,12 @@
 """Does a diagnosis pay on a controller's return? Controllers from fitted models, tried on concealed rigs.
 
-    .venv/bin/python benches/transfer.py transfer --page docs/transfer.md
+    irt prove --transfer --out transfer
+    .venv/bin/python benches/transfer.py transfer --policies 2 --page docs/transfer.md
 
 A rig of MuJoCo hides the effects of one of `KINDS`. Eight recordings of it are tuned and diagnosed. The
 model-predictive controller of `examples/mpc.py` is made on each of `ARMS`, and leads marbles along the path
 of the bare board and of the labyrinth with eight holes, on the concealed rig. All that is made is kept in
-the folder; a run that was stopped goes on. Needs the extras gym and mujoco.
+the folder; a run that was stopped goes on. Needs the extras gym and prove, and train for learned policies.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,17 +28,20 @@ import irt
 import mujoco_world
 from hide_effects import Setting
 from irt.catalogue import effect
+from irt.cli.__main__ import report_errors
 from irt.engine import SUBSTEP_S
 from irt.environment import Task
-from irt.files import write_atomic
+from irt.files import read_json, write_atomic
 from irt.rig import PARAMETERS, RANGES
 from mujoco_world.live import Live
 from transfer_page import write_page
-from transfer_policy import Driver, learned, mixture
 
 # The controller is an example, for readers too.
 sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
 from mpc import Config, Controller, passed
+
+if TYPE_CHECKING:
+    from transfer_policy import Driver
 
 Array = NDArray[np.float64]
 #: The models of a rig's folder; of what has many, so many of them.
@@ -96,12 +100,15 @@ command of the best. A command answers the picture of the row before. Ensembles 
 {DRAWS} draws of the posterior, or {DRAWS} models whose gears are the tuned ones times 1/{GEAR_FACTOR} to
 {GEAR_FACTOR}, with any rolling friction that the paper allows.
 
+{{learned}}A run ends when the marble arrives, falls, makes no progress for {STUCK_S:.0f} s (stuck), or after
+{MOST_S:.0f} s. It makes progress within 20 mm of the path. Starts differ by up to {1e3 * START_M:.0f} mm
+along each axis, and the tracker's noise is that of the recordings.
+"""
+#: What it says where policies were learned.
+LEARNED = f"""\
 The learned policy is that of `examples/ppo.py` ([a policy in one file](train.md#a-policy-in-one-file)),
 trained in the models of an arm: {POLICY_DRAWS} of an ensemble.
 
-A run ends when the marble arrives, falls, makes no progress for {STUCK_S:.0f} s (stuck), or after
-{MOST_S:.0f} s. It makes progress within 20 mm of the path. Starts differ by up to {1e3 * START_M:.0f} mm
-along each axis, and the tracker's noise is that of the recordings.
 """
 
 
@@ -124,7 +131,8 @@ def main() -> None:
         jobs = [(folder, task, arm) for task, some in rigs.items() for folder in some for arm in ARMS]
         for job, runs in zip(jobs, pool.map(tried, *zip(*jobs, strict=True)), strict=True):
             print(job[0].name, *job[1:], " ".join(one["ended"] for one in runs), flush=True)
-    write_page(args.page or args.out / "transfer.md", rigs, list(ARMS), TEXT)
+    text = TEXT.format(learned="" if POLICIES.isdisjoint(rigs) else LEARNED)
+    write_page(args.page or args.out / "transfer.md", rigs, list(ARMS), text)
 
 
 def prepared(folder: Path, number: int) -> dict[str, Any]:
@@ -140,7 +148,7 @@ def tried(folder: Path, task: str, arm: str) -> list[dict[str, Any]]:
     layout, make = TASKS[task]
 
     def travelled() -> list[dict[str, Any]]:
-        label = read(folder / "label.json")
+        label = read_json(folder / "label.json")
         return travel(label, make(folder, label, ARMS[arm], Task.of(layout)), Task.of(layout))
 
     found: list[dict[str, Any]] = made(folder / f"{task}-{arm}.json", travelled)
@@ -156,6 +164,9 @@ def planner(folder: Path, label: dict[str, Any], models: Arm, task: Task) -> Con
 
 def policy(folder: Path, label: dict[str, Any], models: Arm, task: Task) -> Driver:
     """Return the policy that is learned in the models of an arm."""
+    # Torch is an extra that the planned tasks do without.
+    from transfer_policy import Driver, learned, mixture  # noqa: PLC0415
+
     model, row_s = mixture(models(folder, POLICY_DRAWS)), label["values"][3] * SUBSTEP_S
     found = learned(model, task.maze, LARGEST_RAD, row_s, label["noise"])
     return Driver(found, task, model.board.edge_x_m, LARGEST_RAD, SEEDS)
@@ -197,11 +208,7 @@ def made(path: Path, make: Callable[[], Any]) -> Any:
     """Return the content of a JSON file, which is made unless it is there."""
     if not path.exists():
         write_atomic(path, json.dumps(make(), indent=1))
-    return read(path)
-
-
-def read(path: Path) -> Any:
-    return json.loads(path.read_text(encoding="utf-8"))
+    return read_json(path)
 
 
 def fitted(folder: Path) -> None:
@@ -254,7 +261,7 @@ def diagnosed(folder: Path, draws: int) -> list[irt.Model]:
 
 def truth(folder: Path, _: int) -> list[irt.Model]:
     """Return our engine with the values and effects of the concealed one."""
-    label = read(folder / "label.json")
+    label = read_json(folder / "label.json")
     effects = tuple(
         irt.Effect(one["name"], {key: size for key, size in one.items() if key != "name"})
         for one in label["effects"]
@@ -291,7 +298,7 @@ def errors(folder: Path, number: int) -> dict[str, float]:
     """Return the mean absolute error [board edges] of each arm on four runs held out, without noise."""
     setting, _ = drawn(number)
     knobs = setting.knobs[RECORDINGS:]
-    seen = setting.simulate(read(folder / "label.json")["effects"], knobs)
+    seen = setting.simulate(read_json(folder / "label.json")["effects"], knobs)
     lasting = np.full(knobs.shape[1], setting.values[3] * SUBSTEP_S)
     return {
         arm: float(
@@ -339,4 +346,5 @@ def travel(label: dict[str, Any], controller: Controller | Driver, task: Task) -
 
 
 if __name__ == "__main__":
+    report_errors("transfer.py")
     main()

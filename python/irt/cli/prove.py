@@ -6,6 +6,7 @@ import argparse
 import os
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,7 +42,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "marble alone, and DIR/report.html compares the predicted tilt with the measured one",
     )
     parser.add_argument(
-        "--rigs", metavar="N", type=whole(0), help=f"rigs with a hidden effect (default: {_QUICK[0]})"
+        "--transfer",
+        action="store_true",
+        help="prove by the return of controllers instead: plan on tuned and on diagnosed models, and lead "
+        "marbles on concealed rigs of MuJoCo; writes DIR/transfer.md (half an hour; from a checkout)",
+    )
+    parser.add_argument(
+        "--rigs",
+        metavar="N",
+        type=whole(0),
+        help=f"rigs with a hidden effect (default: {_QUICK[0]}; 10 with --transfer)",
     )
     parser.add_argument(
         "--nulls", metavar="N", type=whole(0), help=f"rigs without a hidden effect (default: {_QUICK[1]})"
@@ -60,7 +70,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder of the proof; an unfinished proof there is resumed (default: irt-prove)",
     )
     parser.add_argument(
-        "--page", metavar="FILE", type=Path, help="scorecard to write (default: DIR/proof.md)"
+        "--page",
+        metavar="FILE",
+        type=Path,
+        help="scorecard to write (default: DIR/proof.md, or DIR/transfer.md)",
     )
     parser.add_argument(
         "--baselines",
@@ -90,7 +103,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  irt prove --out proof               once more: page and pictures again, from its files\n"
         "  irt prove --verify --out proof      check that nothing was altered\n"
         "  irt prove --rigs 20 --nulls 10 --jobs 2 --baselines --out proof\n"
-        "  irt prove --real my-rig --out real   your recordings with a measured tilt, minutes"
+        "  irt prove --real my-rig --out real   your recordings with a measured tilt, minutes\n"
+        "  irt prove --transfer --out transfer  whether a diagnosis pays on a controller's return"
     )
 
 
@@ -101,6 +115,9 @@ def run(args: argparse.Namespace) -> None:
         return
     if args.real is not None:
         _prove_real(args)
+        return
+    if args.transfer:
+        _prove_transfer(args)
         return
     from irt.proof.scorecard import verdict
 
@@ -127,8 +144,32 @@ def _verified(out: Path) -> str:
     return f"{rigs} rigs: plan, commitments, manifest and keys fit; recordings and answers are elsewhere"
 
 
-#: Options of a proof on simulated rigs.
-_SIMULATED = ("full", "rigs", "nulls", "page", "baselines", "world", "cluster")
+#: Options of a proof by concealment alone, and those that a real rig has no use for besides.
+_CONCEALED = ("full", "nulls", "baselines", "world", "cluster")
+_SIMULATED = (*_CONCEALED, "rigs", "page", "transfer")
+
+
+def _refuse(args: argparse.Namespace, options: Sequence[str], proof: str, instead: str) -> None:
+    """Refuse options that belong to another kind of proof."""
+    for option in options:
+        if getattr(args, option) not in (None, False):
+            raise IrtError(f"--{option} belongs to {proof}; leave it out with --{instead}")
+
+
+def _prove_transfer(args: argparse.Namespace) -> None:
+    """Prove by transfer, and name the page."""
+    from irt.proof.transfer import prove
+
+    _refuse(args, (*_CONCEALED, "seed"), "the proof by concealment", "transfer")
+    if args.rigs == 0:
+        raise IrtError("--rigs: a proof by transfer needs at least one rig")
+    page = args.page or args.out / "transfer.md"
+    try:
+        prove(args.out, page, rigs=args.rigs, jobs=args.jobs or os.cpu_count() or 1)
+    except KeyboardInterrupt:
+        print(f"irt: finished work is kept in {args.out}; the same command resumes it", file=sys.stderr)
+        raise
+    print(f"\nwrote {page}")
 
 
 def _prove_real(args: argparse.Namespace) -> None:
@@ -137,9 +178,7 @@ def _prove_real(args: argparse.Namespace) -> None:
     from irt.proof.real.page import sentences, write_real_page
     from irt.proof.real.run import prove
 
-    for option in _SIMULATED:
-        if getattr(args, option) not in (None, False):
-            raise IrtError(f"--{option} belongs to simulated rigs; leave it out with --real")
+    _refuse(args, _SIMULATED, "simulated rigs", "real")
     try:
         with progress_bar() as progress:
             found = prove(args.real, args.out, seed=args.seed or 0, threads=args.jobs, progress=progress)
