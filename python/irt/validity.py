@@ -41,7 +41,7 @@ _SHORTEST_STEP_S = 1e-6
 def check_header(where: str, header: list[str], required: Sequence[str]) -> None:
     """Raise unless a header has the required columns, and no column twice."""
     if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-        raise IrtError(f"{where}: cells must be separated by commas")
+        raise IrtError(f"{where}: cells must be separated by commas; irt import reads semicolons and tabs")
     if all(is_number(cell) for cell in header):
         raise IrtError(f"{where}: the columns have no names; name them {', '.join(required)}")
     if set(CMD) & set(header) and set(KNOBS) & set(header):

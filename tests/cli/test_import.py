@@ -344,3 +344,40 @@ def test_a_driver_that_goes_home(tmp_path: Path, irt: Callable[..., Any]) -> Non
         for name in ("held", "home")
     )
     assert (home == 0.0).all(axis=1).sum() > (held == 0.0).all(axis=1).sum()
+
+
+def test_a_table_by_any_separator_and_name_becomes_the_same_recording(irt, tmp_path: Path) -> None:
+    rows = [f"{0.05 * row:.2f},{0.01 * (row % 7):.2f},0.02,{0.001 * row:.3f},0.002" for row in range(60)]
+    text = "\n".join(["t_s,knob_x_rad,knob_y_rad,marble_x,marble_y", *rows]) + "\n"
+    written = {
+        "commas.csv": text,
+        "spreadsheet.csv": text.replace(",", ";").replace(".", ","),
+        "tabs.txt": text.replace(",", "\t"),
+    }
+    found = []
+    for name, content in written.items():
+        (tmp_path / name).write_text(content)
+        done = irt("import", tmp_path / name, "--from", "csv", "--out", tmp_path / f"rig-{name}")
+        assert done.status == 0, done.err
+        (run,) = (tmp_path / f"rig-{name}").glob("*.csv")
+        found.append(run.read_text())
+    assert found[0] == found[1] == found[2]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("log.txt", b"t_s,marble_x\n0,1\n", "a file of no known kind: bags are *.mcap or *.db3"),
+        ("log.csv.gz", b"\x1f\x8b\x08\x00", "a packed file; unpack it first"),
+        ("log.xlsx", b"PK\x03\x04rest", "a packed file; unpack it first, or export a spreadsheet as CSV"),
+    ],
+)
+def test_a_file_of_no_known_kind_is_one_line(
+    irt, tmp_path: Path, name: str, content: bytes, said: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    done = irt("import", tmp_path / name, "--out", tmp_path / "rig")
+    assert done.status == 1
+    assert done.err.startswith(f"irt: {tmp_path / name}: {said}")
+    assert done.err.count("\n") == 1
+    assert not (tmp_path / "rig").exists()

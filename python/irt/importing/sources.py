@@ -31,6 +31,8 @@ _LONGEST_STEP_S = 2.0
 _APART_S = 10.0
 #: Backward step of a stamp [s] that starts a new run; after a smaller one the row was late.
 _NEW_CLOCK_S = 0.5
+#: First bytes of an MCAP file.
+_MCAP = b"\x89MCAP"
 #: Larger values are broken and count as missing: counts of 32 bits are the largest numbers in use for angles,
 #: places and commands, and nanoseconds since 1970, of 1.8e18, for stamps. Squares of broken ones overflow.
 _LARGEST, _LARGEST_STAMP = 2.0**32, 1e19
@@ -142,6 +144,12 @@ def _of_columns(path: Path, ask: str) -> Kind:
 def _of_file(path: Path, ask: str) -> Kind:
     from irt.bag import is_own  # noqa: PLC0415
 
+    tables.refuse_packed(path)
+    if path.suffix.lower() != ".mcap" and not tables.begins_with(path, (_MCAP,)):
+        raise IrtError(
+            f"{path}: a file of no known kind: bags are *.mcap or *.db3, replays *.npz, tables *.csv; "
+            "a table of another name is read with --from csv"
+        )
     # The reader of `rig play`'s bags reports the error of a file that is no bag.
     return "rig" if is_own(path) else _of_topics(path, ask)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
+import re
+from datetime import UTC, datetime, time
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,12 @@ WITHOUT_ROS = frozenset({"t", "episode", "step", "xb", "yb", "alpha", "beta", "a
 _PICKLES = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
 #: Cells of a lost value.
 _EMPTY = {"", "nan"}
+#: Separators of cells, and a number with a decimal comma, as spreadsheets of many countries write it beside
+#: the other two.
+_SEPARATORS = ",;\t"
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*")
+#: First bytes of files that hold other files, packed: gzip, ZIP (and spreadsheets), bzip2, xz, Zstandard.
+_PACKED = (b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd")
 _PICKLE_NAMES = {".pkl", ".pickle", ".pk", ".p", ".pt", ".pth", ".joblib"}
 #: Largest age of a picture when its state is logged [s].
 _OLDEST_S = 1.0
@@ -32,30 +40,45 @@ _REPLAY_ANGLE = np.deg2rad(10.0)
 _SAME_CLOCK_S = 0.005
 
 
+def begins_with(path: Path, beginnings: tuple[bytes, ...]) -> bool:
+    """Return whether the first bytes of a file are one of these."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        return stream.read(max(map(len, beginnings))).startswith(beginnings)
+
+
 def refuse_pickle(path: Path) -> None:
     """Raise `IrtError` if a file is a pickle, which runs code when it is opened."""
-    begin = b""
-    if path.is_file():
-        with path.open("rb") as stream:
-            begin = stream.read(2)
-    if path.suffix.lower() in _PICKLE_NAMES or begin in _PICKLES:
+    if path.suffix.lower() in _PICKLE_NAMES or begins_with(path, _PICKLES):
         raise IrtError(
             f"{path}: a pickle is never opened, since it may run any code; save the arrays as CSV or as NPZ "
             "without objects"
         )
 
 
+def refuse_packed(path: Path) -> None:
+    """Raise `IrtError` if a file is an archive or a spreadsheet."""
+    if begins_with(path, _PACKED):
+        raise IrtError(f"{path}: a packed file; unpack it first, or export a spreadsheet as CSV")
+
+
 def read_columns(path: Path) -> Columns:
     """Return the columns of a CSV file; empty and non-numeric cells are NaN.
 
-    A column without any number (such as a status text) is left out.
+    Cells are separated by commas, or by semicolons or tabs, beside which all numbers may have decimal commas.
+    Dates with a time, and times of the day, by ISO 8601, are seconds since 1970 (UTC unless they name another
+    zone), or since midnight. A column without any of these (such as a status text) is left out.
 
     Raises
     ------
     IrtError
         If the file is no CSV with a header and rows of equal length.
     """
-    reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
+    refuse_packed(path)
+    text = read_text(path)
+    separator = _separator(text)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     rows: list[list[str]] = []
     try:
         header = [cell.strip() for cell in next(reader, [])]
@@ -75,8 +98,14 @@ def read_columns(path: Path) -> Columns:
         twice = next(name for name in header if header.count(name) > 1)
         raise IrtError(f'{path}, line 1: duplicate column "{twice}"; rename one')
     columns = {}
+    if separator != "," and not any(
+        "." in cell and not np.isnan(_number(cell)) for row in rows for cell in row
+    ):
+        rows = [[_with_point(cell) for cell in row] for row in rows]
     for name, column in zip(header, zip(*rows, strict=True), strict=True):
         values = _numbers(column)
+        if not np.isfinite(values).any():
+            values = np.array([_seconds(cell) for cell in column])
         if np.isfinite(values).any() or all(cell.strip().lower() in _EMPTY for cell in column):
             columns[name] = values
     return columns
@@ -225,6 +254,32 @@ def _renamed(columns: Columns) -> Columns:
     """Return columns without the unit in their name, as messages have them: ``x_b_m`` is ``x_b``."""
     names = {"x_b_m": "x_b", "y_b_m": "y_b", "alpha_rad": "alpha", "beta_rad": "beta"}
     return {names.get(name, name): values for name, values in columns.items()}
+
+
+def _separator(text: str) -> str:
+    """Return the separator of cells: the most frequent of the possible ones in the header."""
+    header = next((line for line in text.splitlines() if line.strip()), "")
+    # Of equally frequent ones the first.
+    return max(_SEPARATORS, key=header.count)
+
+
+def _with_point(cell: str) -> str:
+    return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell
+
+
+def _seconds(cell: str) -> float:
+    """Return the seconds of a date with a time since 1970, or of a time since midnight; else NaN."""
+    text = cell.strip()
+    if ":" not in text:
+        return float("nan")
+    try:
+        if "-" in text or "T" in text:
+            date = datetime.fromisoformat(text)
+            return (date if date.tzinfo is not None else date.replace(tzinfo=UTC)).timestamp()
+        moment = time.fromisoformat(text)
+    except ValueError:
+        return float("nan")
+    return 3600.0 * moment.hour + 60.0 * moment.minute + moment.second + 1e-6 * moment.microsecond
 
 
 def _numbers(cells: tuple[str, ...]) -> Array:

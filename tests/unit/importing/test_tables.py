@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import lab_logs
 from irt.errors import IrtError
@@ -15,6 +17,7 @@ from irt.importing.tables import (
     read_replay,
     read_tag_folder,
     read_without_ros,
+    refuse_packed,
     refuse_pickle,
 )
 from lab_logs import Convention, simulate, write_csv
@@ -28,6 +31,52 @@ def test_cells_that_are_no_numbers_are_nan_and_columns_of_words_are_left_out(tmp
     assert columns["t"].tolist() == [0.0, 1.0, 2.0]
     assert np.isnan(columns["x"][1:]).all()
     assert columns["found"].tolist() == [1.0, 0.0, 1.0]
+
+
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(
+    st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=6),
+    st.sampled_from([(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ",")]),
+)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_every_separator_and_decimal_mark_gives_the_same_numbers(tmp_path: Path, rows, style) -> None:
+    separator, mark = style
+    path = tmp_path / "log.csv"
+    cells = [separator.join(f"{value!r}".replace(".", mark) for value in row) for row in rows]
+    path.write_text("\n".join([f"t{separator}x", *cells]))
+    columns = read_columns(path)
+    assert np.array_equal(np.column_stack([columns["t"], columns["x"]]), np.array(rows))
+
+
+def test_a_comma_beside_decimal_points_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t;x\n0.5;1,234\n1.0;2\n")
+    assert np.array_equal(read_columns(path)["x"], [np.nan, 2.0], equal_nan=True)
+
+
+def test_dates_and_times_of_the_day_are_seconds(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(
+        "naive,zoned,day,note\n"
+        "2026-11-28 10:00:00.25,2026-11-28T11:00:00.25+01:00,10:00:00.25,a:b\n"
+        ",2026-11-28T10:00:00.75Z,10:00:00.75,\n"
+    )
+    columns = read_columns(path)
+    assert set(columns) == {"naive", "zoned", "day"}
+    assert columns["naive"][0] == columns["zoned"][0] == 1795860000.25
+    assert np.isnan(columns["naive"][1])
+    assert columns["zoned"][1] - columns["zoned"][0] == 0.5
+    assert columns["day"].tolist() == [36000.25, 36000.75]
+
+
+@pytest.mark.parametrize("begin", [b"\x1f\x8b", b"PK\x03\x04"], ids=["gzip", "spreadsheet"])
+def test_packed_files_are_refused(tmp_path: Path, begin: bytes) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(begin + bytes(8))
+    with pytest.raises(IrtError, match="a packed file; unpack it first"):
+        refuse_packed(path)
 
 
 @pytest.mark.parametrize(
