@@ -18,7 +18,7 @@ from irt.tracking.opencv import opencv
 
 Picture = NDArray[np.uint8]
 
-IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
 #: Where neither a file nor a user says it [pictures per second].
 USUAL_RATE = 30.0
 #: A camera that gives no picture for so long is gone [s].
