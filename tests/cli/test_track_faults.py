@@ -141,3 +141,26 @@ def test_a_variable_frame_rate(irt, tmp_path, shown) -> None:
     table = np.genfromtxt(tmp_path / "out" / "run.csv", delimiter=",", names=True)
     expected = np.concatenate([[0], np.cumsum(durations[:-1])]) / tick / RATE
     np.testing.assert_allclose(table["t_s"], expected, atol=2e-3)
+
+
+def test_a_frame_rate_that_a_converter_doubled(irt, tmp_path, shown) -> None:
+    """Each picture twice, which the encoder makes differ: the second is no place of the marble."""
+    pictures, knobs = shown
+    path = tmp_path / "run.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 2 * RATE, (640, 480))
+    for picture in pictures:
+        writer.write(picture)
+        writer.write(picture)
+    writer.release()
+    commands = write_commands(tmp_path / "knobs.csv", knobs)
+    out = tmp_path / "out"
+    done = irt("track", path, "--commands", commands, "--offset", "0", "--out", out)
+    assert (done.status, done.err) == (0, "")
+    facts = json.loads((out / "run.json").read_text())
+    # An encoder's pictures that depend on no other differ from those before as new ones do.
+    assert 0.9 * COUNT <= facts["gaps"]["repeated"] <= COUNT
+    assert facts["detection"] > 0.99
+    assert facts["noise"] * facts["pixels_per_edge"] < 0.15
+    recording = load_recording(out / "run.csv")
+    assert len(recording.knobs) >= COUNT - 1
+    assert recording.seen.mean() > 0.99

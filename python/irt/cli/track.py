@@ -208,7 +208,7 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
 
     mm = 1000.0 * board.edge_x_m
     lines = [
-        f"the marble is seen in {summary.seen:,} of {summary.pictures:,} pictures "
+        f"the marble is seen in {summary.seen:,} of {counted(summary.shown, 'picture')} "
         f"({100 * summary.detection:.2f} %); noise {summary.noise * summary.pixels_per_edge:.2f} pixels, "
         f"{summary.noise * mm:.2f} mm"
     ]

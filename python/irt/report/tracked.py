@@ -244,7 +244,7 @@ def _described(
     from irt.tracking.recorded import save_metadata, summarise  # noqa: PLC0415
 
     folder = path.parent
-    summary = summarise(found, noise_in([found.marble]), 1000.0 * board.edge_x_m, stamps)
+    summary = summarise(found, noise_in([found.new().marble]), 1000.0 * board.edge_x_m, stamps)
     save_metadata(folder / f"{found.name}.json", found, summary, facts)
     page = write_tracking_report(folder, found, summary, timed, facts=facts, edge_m=board.edge_x_m)
     return Tracked(path, page, found, summary, timed, board, findings)

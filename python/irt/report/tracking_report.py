@@ -89,7 +89,7 @@ def _lead(summary: Summary, edge_m: float) -> str:
     """Return the summary of the track."""
     largest = next(iter(summary.budget.parts))
     return (
-        f"The marble was found in {summary.seen:,} of {counted(summary.pictures, 'picture')}. The standard "
+        f"The marble was found in {summary.seen:,} of {counted(summary.shown, 'picture')}. The standard "
         f"error of a position on the board is {summary.budget.total:.2f} mm, most of it by "
         f"{_PARTS[largest]}; from picture to picture it is {millimetres(summary.noise, edge_m)}. Rows in "
         "which the tracker was uncertain are empty."

@@ -92,6 +92,8 @@ def laid_on(track: Track, commands: Commands, path: Path, offset: float | None =
             )
         times, offset = track.stamps, 0.0
     else:
+        # In places between pictures the next one that is new counts.
+        track = track.new()
         if offset is None:
             alignment = align(commands.stamps, commands.knobs, track.stamps, track.marble)
             offset = alignment.offset
@@ -213,9 +215,14 @@ class Summary:
     moving: bool
 
     @property
+    def shown(self) -> int:
+        """Number of pictures that do not repeat the one before."""
+        return self.pictures - self.gaps.repeated
+
+    @property
     def detection(self) -> float:
-        """Share of the pictures on which the marble is seen."""
-        return self.seen / self.pictures if self.pictures else 0.0
+        """Share of these on which the marble is seen."""
+        return self.seen / self.shown if self.shown else 0.0
 
 
 def summarise(track: Track, noise: float, edge_mm: float, stamps: str) -> Summary:

@@ -27,6 +27,7 @@ from irt.tracking.separation import Clue
 from irt.tracking.source import Frame, Picture, Source
 from irt.tracking.stabilised import Stabilised
 from irt.tracking.standing import absences
+from irt.tracking.timing import repeated_by_encoder
 from irt.tracking.tracker import Learned, Sighting, Tracker
 
 Array = NDArray[np.float64]
@@ -172,6 +173,11 @@ class Track:
     def seen(self) -> NDArray[np.bool_]:
         """Pictures in which the marble is seen (n,)."""
         return ~np.isnan(self.marble[:, 0])
+
+    def new(self) -> Track:
+        """Return the track without the pictures that repeat the one before."""
+        names = ("stamps", "pixels", "marble", "confidence", "repeated", "in_window", "tilt")
+        return replace(self, away=(), **{name: getattr(self, name)[~self.repeated] for name in names})
 
 
 def prepare(source: Source, question: Question, progress: Progress) -> Scene:
@@ -344,6 +350,8 @@ class Follower:
         self._geometry: Geometry = scene.geometry
         self._last: Seen | None = None
         self._rows: list[tuple[float, ...]] = []
+        #: By how much each picture differs from the one before [levels].
+        self._changes: list[float] = []
         self._looks: list[tuple[int, bool]] = []
         if scene.learned.first is not None:
             self._tracker.expect(*scene.learned.first)
@@ -352,7 +360,8 @@ class Follower:
         """Return what is seen on the next picture, after the picture before where that is sure only now."""
         picture = frame.picture
         last = self._last
-        again = last is not None and _change(picture, last.frame.picture) <= SAME * self.scene.usual_change
+        change = np.inf if last is None else _change(picture, last.frame.picture)
+        again = change <= SAME * self.scene.usual_change
         board = self.scene.shows_tilt
         measured = None if board is None else board.follow(picture)
         self._geometry = measured or self._geometry
@@ -369,6 +378,7 @@ class Follower:
             tilt = measured.tilt_from(self.scene.geometry)
         self._last = Seen.of(frame, sighting, self._geometry, tilt, repeated=again)
         self._rows.append(self._last.row)
+        self._changes.append(change)
         return before, self._last
 
     def track(self, stopped: str = "") -> Track:
@@ -378,6 +388,9 @@ class Follower:
         for first, count in away:
             table[first : first + count, 1:5] = np.nan
             table[first : first + count, 8:10] = np.nan
+        again = repeated_by_encoder(np.array(self._changes))
+        table[again, 1:5] = np.nan
+        table[again, 6] = 1.0
         return Track(
             self.name,
             self.scene,

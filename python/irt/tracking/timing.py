@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 DROPPED = 1.5
 #: Share of the usual interval by which another one differs from it.
 UNEVEN = 0.1
+#: A converter of frame rates repeats a picture up to so many times in a row, and an encoder changes the
+#: repeats: by less than this share of what the pictures on either side change by.
+MOST_CODED, CODED = 3, 1.0 / 3.0
 #: Width of the bump [s], and the step at which both sides are weighed.
 BUMP_S, STEP_S = 0.4, 1.0 / 240.0
 #: Parts of a run whose offsets, each left out in turn, show how sure their mean is.
@@ -73,6 +76,26 @@ def find_gaps(stamps: Array, repeated: NDArray[np.bool_]) -> Gaps:
     return Gaps(
         usual, float(normal.std()), int(missing.sum()), float(steps.max()), int(repeated.sum()), uneven
     )
+
+
+def repeated_by_encoder(changes: Array) -> NDArray[np.bool_]:
+    """Return which pictures (n,) show the one before once more, although an encoder changed them a little.
+
+    They change less than the pictures on either side of up to `MOST_CODED` in a row. Pictures of a marble at
+    rest do so for longer.
+
+    Parameters
+    ----------
+    changes : (n,) array
+        By how much each picture differs from the one before; infinite for the first.
+    """
+    again = np.zeros(len(changes), dtype=bool)
+    for count in range(1, MOST_CODED + 1):
+        for first in range(1, len(changes) - count):
+            sides = min(changes[first - 1], changes[first + count])
+            if changes[first : first + count].max() < CODED * sides:
+                again[first : first + count] = True
+    return again
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from irt.engine import rollouts
 from irt.errors import IrtError
-from irt.tracking.timing import align, at_commands, find_gaps
+from irt.tracking.timing import MOST_CODED, align, at_commands, find_gaps, repeated_by_encoder
 
 
 def test_missing_and_repeated_pictures_are_counted() -> None:
@@ -18,6 +20,23 @@ def test_missing_and_repeated_pictures_are_counted() -> None:
     assert (gaps.dropped, gaps.repeated) == (3, 2)
     assert gaps.interval == pytest.approx(1 / 30)
     assert gaps.longest == pytest.approx(0.1)
+
+
+def test_pictures_that_an_encoder_repeats_change_less_than_those_around_them() -> None:
+    random = np.random.default_rng(0)
+    for times in range(1, MOST_CODED + 2):
+        changes = np.where(np.arange(80) % times == 0, 1.0, 0.1) * random.uniform(0.8, 1.25, 80)
+        changes[0] = np.inf
+        again = repeated_by_encoder(changes)
+        # The last ones have no picture after them.
+        whole = 80 - 80 % times - times + 1
+        np.testing.assert_array_equal(again[:whole], np.arange(whole) % times != 0)
+
+
+@given(st.lists(st.floats(0.5, 1.0), max_size=40), st.integers(MOST_CODED + 1, 20))
+def test_neither_noise_nor_a_rest_is_a_repeated_picture(changes: list[float], rest: int) -> None:
+    resting = [np.inf, *changes, *[0.01] * rest, *changes]
+    assert not repeated_by_encoder(np.array(resting)).any()
 
 
 def rolled(seed: int, rows: int = 400) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
