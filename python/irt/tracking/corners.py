@@ -51,6 +51,8 @@ TURNED = 1.04
 MISSHAPEN, NEARER = 0.0015, 0.5
 #: Beyond this, no lens accounts for it: one whose middle is off by 20 pixels makes 0.001 to 0.004.
 HOPELESS = 0.0045
+#: Focal lengths of lenses from wide angles to telephoto [widths of a picture].
+FOCAL = np.geomspace(0.5, 8.0, 9)
 #: Levels that may outline a board, as quantiles of a picture's; how many must agree, their corners within so
 #: many pixels: a shadow's end and the marble's path move with the level, a board does not.
 LEVELS = np.linspace(0.05, 0.95, 31)
@@ -219,6 +221,26 @@ def ordered(corners: Array, size: Size) -> Array:
     if (across - down) * (size.along_x - size.along_y) < 0 and _ratio(across, down) > TURNED:
         return np.roll(corners, -1, axis=0)
     return corners
+
+
+def misshapen_before_any(corners: Array, size: Size, picture: tuple[int, int]) -> float:
+    """Return by what share of its sides an outline (4, 2) [pixels] is not the board's before any simple lens.
+
+    Its focal length is unknown, its axis is the picture's middle, and it does not distort. What real lenses
+    do is up to 0.01 of a side, so that only a comparison of outlines means anything.
+
+    Parameters
+    ----------
+    picture : (width, height)
+        [pixels].
+    """
+    middle = (np.array(picture) - 1.0) / 2.0
+
+    def before(focal: float) -> float:
+        matrix = np.array([[focal, 0.0, middle[0]], [0.0, focal, middle[1]], [0.0, 0.0, 1.0]])
+        return misshapen(corners, Lens(matrix, np.zeros(5), picture, 0.0), size)
+
+    return min(before(focal * picture[0]) for focal in FOCAL)
 
 
 def misshapen(corners: Array, lens: Lens | None, size: Size) -> float:

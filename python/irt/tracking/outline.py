@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -16,7 +18,9 @@ from irt.tracking.corners import (
     find_corners,
     find_corners_at_levels,
     least_step,
+    mean_side,
     misshapen,
+    misshapen_before_any,
     ordered,
 )
 from irt.tracking.geometry import Lens, Size
@@ -27,6 +31,9 @@ Array = NDArray[np.float64]
 
 #: One in so many pictures of the sample shows the board in its place, if it leaves early.
 EARLY = 4
+#: Outlines of the first picture and of the median whose corners are farther apart than this share of a side
+#: are not of one board: a tilt moves corners less.
+APART = 0.02
 
 
 def board_outline(pictures: list[Picture], lens: Lens | None, size: Size) -> tuple[Array, str, bool]:
@@ -60,6 +67,8 @@ def board_outline(pictures: list[Picture], lens: Lens | None, size: Size) -> tup
         except IrtError as error:
             reasons.append(error)
         else:
+            if lens is None and picture is first:
+                return _steadier(found, words, partial(find, middle), size, middle)
             outlines.append((misshapen(found, lens, size), (found, words, picture is middle)))
             if outlines[0][0] < MISSHAPEN:
                 break
@@ -71,6 +80,24 @@ def board_outline(pictures: list[Picture], lens: Lens | None, size: Size) -> tup
     # The outline of a rim is nearly of the board's shape: another is the board's if it is much nearer.
     best = min(outlines, key=lambda one: one[0])
     return best[1] if best[0] < NEARER * outlines[0][0] else outlines[0][1]
+
+
+def _steadier(
+    found: Array, words: str, find_in_middle: Callable[[], Array], size: Size, middle: Picture
+) -> tuple[Array, str, bool]:
+    """Return the outline of the first picture, or that of the median if a hand is over the board at first.
+
+    Without a lens no outline is refused for its shape. Of two that are apart, the board's is the one that is
+    much nearer to its shape.
+    """
+    with suppress(IrtError):
+        other = ordered(find_in_middle(), size)
+        height, width = middle.shape[:2]
+        missed, others = (misshapen_before_any(one, size, (width, height)) for one in (found, other))
+        apart = float(np.linalg.norm(other - found, axis=1).max())
+        if apart > APART * mean_side(found) and others < NEARER * missed:
+            return other, words.replace("first picture", "median of the pictures"), True
+    return found, words, False
 
 
 def board_sides(pictures: list[Picture], corners: Array, lens: Lens | None) -> BoardEdges:

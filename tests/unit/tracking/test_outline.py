@@ -112,6 +112,25 @@ def test_a_line_printed_along_the_sides_is_another_step() -> None:
     assert (measured - measured.mean(axis=0) - tilts).std(axis=0).max() < 0.003
 
 
+@pytest.mark.parametrize("lean", [(0.0, 0.0), (0.25, -0.2)])
+def test_a_hand_at_first_is_no_part_of_a_board_before_an_unknown_lens(lean: tuple[float, float]) -> None:
+    """It moved a corner by 34 pixels, and a marble by 7 mm."""
+    view = View.above(330.0, lean=lean)
+    pictures = [drawn(view, LEVEL, WHITE) for _ in range(12)]
+    corners = outline(view, LEVEL)
+    steady, words, _ = board_outline(pictures, None, SIZE)
+    assert words == "found in the first picture"
+    x, y = corners[2]
+    for picture in pictures[:3]:
+        cv2.ellipse(picture, (int(x) - 92, int(y) - 66), (140, 45), 20, 0, 360, (120, 150, 210), -1)
+    misled = find_corners(pictures[0], None, SIZE)
+    assert np.linalg.norm(misled - corners, axis=1).max() > 5.0
+    found, words, _ = board_outline(pictures, None, SIZE)
+    assert words == "found in the median of the pictures"
+    assert np.linalg.norm(found - steady, axis=1).max() < 0.1
+    assert np.linalg.norm(found - corners, axis=1).max() < 2.0
+
+
 def test_a_board_that_is_pushed_aside_does_not_stand() -> None:
     picture = drawn(VIEW, LEVEL, WHITE)
     edges = BoardEdges([picture] * 3, outline(VIEW, LEVEL), lens_of(VIEW))
