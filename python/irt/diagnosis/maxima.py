@@ -48,6 +48,22 @@ def promising(
     return list(best.values())
 
 
+def as_expected(scores: Scores, one: Scored) -> Scored:
+    """Return a set with the five parameters in the middle of their ranges and hardly any push."""
+    values, rig = one.values, scores.dataset.rig
+    for name, (low, high) in rig.ranges.items():
+        if name != "time_scale" or scores.dataset.time_scale is None:
+            # A board moves for gears of either sign.
+            moving = np.copysign(0.5 * max(-low, high), values[name])
+            values[name] = 0.5 * (low + high) if low * high >= 0.0 else float(moving)
+    top = replace(
+        one.top,
+        values=np.array([values[name] for name in one.names]),
+        noise=scores.noise(config.PUSHES[0]),
+    )
+    return replace(one, top=top)
+
+
 def without_pull(scores: Scores, one: Scored, names: Sequence[str]) -> tuple[Scored, list[Promise]]:
     """Return a set that is fitted with a white push only, and its screened effects.
 

@@ -13,7 +13,7 @@ import numpy as np
 from irt.catalogue import effect
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, ON_AVERAGE, SMOOTHED
-from irt.diagnosis.maxima import promising, without_pull
+from irt.diagnosis.maxima import as_expected, promising, without_pull
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import PULL, PUSH, Array, Scored, Scores, quiet
 from irt.diagnosis.screening import Promise, Screening, child, place_of
@@ -140,8 +140,14 @@ class Selection:
             last resort; if it returns True, no more are added.
         """
         best = self.scores.base()
-        challenges = [self._rebounding, self._swapped, self.merged]
-        additions = [self._grown, self._grown_without_pull, self._swapped, self._mapped]
+        challenges = [self._rebounding, self._grown_where_expected, self._swapped, self.merged]
+        additions = [
+            self._grown,
+            self._grown_without_pull,
+            self._grown_where_expected,
+            self._swapped,
+            self._mapped,
+        ]
         laborious = [self._grown_from_rival, self.merged]
         # Steps that were tried from a set are not repeated when the set comes back with a better fit.
         tried: set[tuple[str, frozenset[str]]] = set()
@@ -235,6 +241,19 @@ class Selection:
             return None
         still, promises = without_pull(self.scores, parent, self._other(parent))
         found = self._fitted(still, promises[: config.SWAPPED], parent.score)
+        return self._if_better(found, parent, None)
+
+    def _grown_where_expected(self, parent: Scored) -> Scored | None:
+        """Return the best set with one effect that shows in the middle of the ranges only, if it is better.
+
+        At the maxima of the five parameters alone board and marble may stand still. No effect shows there,
+        least of all one that holds the board, such as backlash larger than most commands.
+        """
+        if parent.effects or parent.is_exact:
+            return None
+        expected = as_expected(self.scores, parent)
+        promises = Screening(self.scores, expected).promises(self._other(parent))
+        found = self._fitted(expected, promises[: config.SWAPPED], parent.score)
         return self._if_better(found, parent, None)
 
     def _rebounding(self, parent: Scored) -> Scored | None:

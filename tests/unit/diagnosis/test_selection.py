@@ -209,3 +209,21 @@ def test_a_filter_goes_through_whole_recordings_of_a_marble_in_motion(plant):
     posterior = Selection(scores, ["delay", "lag", "viscous_drag", "point_field"], quiet).run()
     assert posterior.best.effects == ("viscous_drag",)
     assert len(posterior.best.top.states) == len(dataset.runs)
+
+
+@pytest.mark.slow
+def test_an_effect_shows_where_the_marble_is_expected_to_move(plant):
+    """A proof's rig moved in two of eight runs; the likeliest five parameters let time stand still."""
+    backlash = {"name": "backlash", "width_x_rad": 0.14, "width_y_rad": 0.12}
+    scores = Scores(plant([backlash], runs=4))
+    values, noise = scores.base().top.values.copy(), scores.base().noise.copy()
+    values[:4] = 1e-3, 1e-3, 1e-5, 0.5
+    noise[[LASTING, PUSH, PULL]] = 0.0
+    (resting,) = scores.ascend((), values[None], noise[None], iterations=config.THOROUGH)
+    scores.known, scores.fits_of_base = {frozenset(): resting}, [resting]
+    assert scores.is_whole(resting)
+    found = Selection(scores, ["backlash", "lag", "parallax"], quiet).run().best
+    assert found.effects == ("backlash",)
+    assert found.values["backlash.width_x_rad"] == pytest.approx(0.14, rel=0.05)
+    assert found.values["backlash.width_y_rad"] == pytest.approx(0.12, rel=0.05)
+    assert found.score > resting.score + config.NEAR
