@@ -75,7 +75,7 @@ def _provenance() -> Iterator[str]:
         text=True,
         check=False,
     ).stdout.strip()
-    yield f"Written by `irt prove --transfer` at commit {commit or 'unknown'}, {machine()}. Brackets are 95 %"
+    yield f"Written by `benches/transfer.py` at commit {commit or 'unknown'}, {machine()}. Brackets are 95 %"
     yield "intervals: rigs are resampled, and seeds within rigs. Differences are of the same rig and seed."
 
 
