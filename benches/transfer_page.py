@@ -93,7 +93,7 @@ def _headlines(runs: Runs, tasks: Sequence[str], arms: Sequence[str]) -> Iterato
             f"{mean(task, arm, 'arrived [%]'):.0f} %, {mean(task, arm, 'beside the path [mm]'):.1f} mm"
             for arm in arms
         ]
-        yield f"| {TASKS[task]}, {len(runs[task, arms[0]])} rigs | {' | '.join(cells)} |"
+        yield f"| {TASKS[task]}, {_rigs_of(len(runs[task, arms[0]]))} | {' | '.join(cells)} |"
 
 
 def _overall(runs: Runs, task: str, arms: Sequence[str]) -> Iterator[str]:
@@ -101,8 +101,8 @@ def _overall(runs: Runs, task: str, arms: Sequence[str]) -> Iterator[str]:
     rigs, seeds = len(runs[task, arms[0]]), len(runs[task, arms[0]][0])
     # Wilson's lower end for all of so many rigs.
     least = 100.0 * rigs / (rigs + 1.96**2)
-    yield f"{rigs} rigs, {seeds} seeds of each. Where all runs agree, brackets have no width; by the number"
-    yield f"of rigs alone, 100 % is {least:.0f} to 100 %."
+    yield f"{_rigs_of(rigs)}, {seeds} seeds of each. Where all runs agree, brackets have no width; by the"
+    yield f"number of rigs alone, 100 % is {least:.0f} to 100 %."
     yield ""
     yield f"| controller made on | {' | '.join(MEASURES)} | fell | stuck |"
     yield "| --- |" + " --- |" * (len(MEASURES) + 2)
@@ -124,6 +124,10 @@ def _overall(runs: Runs, task: str, arms: Sequence[str]) -> Iterator[str]:
                 for name in names
             ]
             yield f"| {TITLES[arm]} | {' | '.join(_interval(one, sign='+') for one in pairs)} |"
+
+
+def _rigs_of(count: int) -> str:
+    return f"{count} {'rig' if count == 1 else 'rigs'}"
 
 
 def _rigs(runs: Runs, rigs: Mapping[str, Sequence[Path]], arms: Sequence[str]) -> Iterator[str]:

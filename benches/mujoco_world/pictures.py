@@ -42,8 +42,10 @@ def _beside(values: Values, seen: Array, tilt: Array) -> Array:
 
 
 def _inclined(values: Values, seen: Array, _: Array) -> Array:
-    distance = 1.0 + seen @ np.array([values["slope_x"], values["slope_y"]])
-    return np.asarray(seen / np.maximum(distance, NEAREST)[..., None])
+    slopes, square = np.array([values["slope_x"], values["slope_y"]]), values.get("distance_edges", 0.0) ** 2
+    along = (seen @ slopes)[..., None]
+    shorter = square / (1.0 + np.sqrt(1.0 - square * (slopes @ slopes))) * along * slopes
+    return np.asarray((seen - shorter) / np.maximum(1.0 + along, NEAREST))
 
 
 def _through_lens(values: Values, seen: Array, _: Array) -> Array:

@@ -75,7 +75,7 @@ def test_physics_outside_the_catalogue_is_learned_and_not_named(values, variable
     [
         ("backlash", {"width_x_rad": 0.03, "width_y_rad": 0.05}, "rapier"),
         ("bump", {"x_m": 0.02, "y_m": -0.01, "height_m": 1.2e-4, "width_m": 0.02}, "rolling"),
-        ("perspective", {"slope_x": 0.3, "slope_y": -0.2}, "rapier"),
+        ("perspective", {"slope_x": 0.25, "slope_y": -0.15, "distance_edges": 2.2}, "rapier"),
     ],
 )
 def test_one_effect_is_named_and_modelled(name, values, engine):

@@ -50,7 +50,7 @@ def test_a_marble_of_mujoco_goes_the_rolling_engines_way(mujoco_world):
         {"name": "anisotropic_friction", "ratio": 4.0, "grain_rad": 0.5},
         {"name": "latency", "latency_s": 0.2},
         {"name": "parallax", "height_m_per_rad": 0.5},
-        {"name": "perspective", "slope_x": 0.3, "slope_y": -0.2},
+        {"name": "perspective", "slope_x": 0.3, "slope_y": -0.2, "distance_edges": 2.2},
         {"name": "camera_rotation", "angle_rad": 0.17},
     ],
     ids=lambda hidden: hidden["name"],

@@ -32,10 +32,22 @@ def size_of(name: str) -> int | None:
     return silent[0] if len(silent) == 1 else None
 
 
+@functools.cache
 def sizes_of(name: str) -> Sequence[EffectParameter]:
-    """Return an effect's size parameter, or all required parameters if there is no single one."""
+    """Return an effect's size parameter, or those that show alone; all required ones if none does.
+
+    Those of a vector show alone. The distance of a tilted camera, say, does not: it is no size.
+    """
     known, size = effect(name).required, size_of(name)
-    return known if size is None else (known[size],)
+    if size is not None:
+        return (known[size],)
+    strong, plain = strong_values(name), try_path([])
+    alone = [
+        one
+        for one in known
+        if not np.array_equal(try_path([{"name": name, one.name: strong[one.name]}]), plain)
+    ]
+    return tuple(alone) or known
 
 
 def strong_values(name: str) -> dict[str, float]:

@@ -198,14 +198,18 @@ def _turned(tilt: Array) -> Array:
 
 
 def _aimed(lean: Array, turn: float, aside: Array, lens: float) -> Camera:
-    """Return a camera over a point of the board [m], tilted, and rotated about its line of sight [rad]."""
+    """Return a camera over a point of the board [m], tilted, and rotated about its line of sight [rad].
+
+    It is tilted about a horizontal axis. A camera that keeps its sideways axis horizontal while it tilts both
+    ways rotates about its line of sight besides, by about half the product of the sines.
+    """
     sines = np.clip(lean, -0.6, 0.6)
     down = -math.sqrt(1.0 - float(sines @ sines))
     forward = np.array([-sines[0], -sines[1], down])
     eye = np.array([*aside, RADIUS_M]) - DISTANCE_M * forward
-    up = np.array([math.sin(turn), math.cos(turn), 0.0])
-    up = up - (up @ forward) * forward
-    return Camera(eye, forward, up / np.linalg.norm(up), lens)
+    level = np.array([math.sin(turn), math.cos(turn), 0.0])
+    up = level - (level @ forward) / (1.0 - down) * (forward - [0.0, 0.0, 1.0])
+    return Camera(eye, forward, up, lens)
 
 
 class _Scene:

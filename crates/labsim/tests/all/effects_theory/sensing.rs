@@ -1,6 +1,7 @@
 //! What the camera makes of where the marble is, in board edges.
 
 use labsim::Engine;
+use nalgebra::{Rotation3, Unit, Vector3};
 use proptest::prelude::*;
 
 use super::{EDGE, ENGINES, Trial, angles, assert_close};
@@ -10,6 +11,19 @@ type Place = [f64; 2];
 fn perspective([x, y]: Place, [px, py]: [f64; 2]) -> Place {
     let distance = 1.0 + px * x + py * y;
     [x / distance, y / distance]
+}
+
+/// What a pinhole sees at distance `d` (edges) from the board's centre after a turn about a horizontal axis, so that
+/// distances grow by `p` per edge; scaled so that the centre keeps its scale.
+fn through_a_tilted_pinhole([x, y]: Place, p: [f64; 2], d: f64) -> Place {
+    // The camera looks along -z, turned about `axis`; its own axes turn with it.
+    let sines = p.map(|slope| d * slope);
+    let sine = sines[0].hypot(sines[1]);
+    let axis = Unit::new_normalize(Vector3::new(sines[1], -sines[0], 0.0));
+    let camera = Rotation3::from_axis_angle(&axis, sine.asin());
+    let eye = camera * Vector3::new(0.0, 0.0, d);
+    let point = camera.inverse() * (Vector3::new(x, y, 0.0) - eye);
+    [0, 1].map(|i| d * point[i] / -point.z)
 }
 
 fn distorted([x, y]: Place, k: f64) -> Place {
@@ -69,7 +83,16 @@ proptest! {
     fn perspective_divides_by_the_distance(
         slope in slope(), place in prop::array::uniform2(-0.2..0.2), velocity in prop::array::uniform2(-0.15..0.15),
     ) {
-        assert_seen(&[("perspective", &slope)], place, velocity, |seen| perspective(seen, slope));
+        assert_seen(&[("perspective", &[slope[0], slope[1], 0.0])], place, velocity, |seen| perspective(seen, slope));
+    }
+
+    #[test]
+    fn a_tilted_pinhole_foreshortens(
+        slope in slope(), d in 0.5..2.0_f64,
+        place in prop::array::uniform2(-0.2..0.2), velocity in prop::array::uniform2(-0.15..0.15),
+    ) {
+        let values = [slope[0], slope[1], d];
+        assert_seen(&[("perspective", &values)], place, velocity, |seen| through_a_tilted_pinhole(seen, slope, d));
     }
 
     #[test]
@@ -95,7 +118,7 @@ proptest! {
             ("camera_offset", &offset),
             ("camera_rotation", &[angle]),
             ("lens_distortion", &[k]),
-            ("perspective", &slope),
+            ("perspective", &[slope[0], slope[1], 0.0]),
         ];
         assert_seen(&effects, place, velocity, |seen| {
             let [x, y] = rotated(distorted(perspective(seen, slope), k), angle);
