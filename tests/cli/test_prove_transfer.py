@@ -40,7 +40,7 @@ def test_a_finished_proof_is_written_again_from_its_files(irt, finished):
     assert (done.status, done.err) == (0, "")
     assert done.out.endswith(f"\nwrote {finished / 'transfer.md'}\n")
     page = (finished / "transfer.md").read_text()
-    assert "| Labyrinth with 8 holes, planned, 1 rigs | 0 %, 4.0 mm | 100 %, 4.0 mm |" in page
+    assert "| Labyrinth with 8 holes, planned, 1 rig | 0 %, 4.0 mm | 100 %, 4.0 mm |" in page
     assert "learned policy" not in page
     assert {path: path.stat().st_mtime_ns for path in finished.rglob("*.json")} == was
 
