@@ -88,6 +88,19 @@ def test_one_effect_is_named_and_modelled(name, values, engine):
 
 
 @pytest.mark.slow
+def test_nothing_is_named_if_commands_belong_to_other_recordings():
+    """A push or a drag would account for the motion that the commands do not explain."""
+    rig = hidden(seed=4)
+    others = [*rig.recordings[1:], rig.recordings[0]]
+    mixed = [replace(one, knobs=other.knobs) for one, other in zip(rig.recordings, others, strict=True)]
+    found = irt.diagnose(replace(rig, recordings=tuple(mixed)))
+    assert (found.verdict, found.effects) == ("unlisted", ())
+    assert "leave most of the motion unexplained" in found.summary
+    assert "Check the commands" in found.summary
+    assert found.where
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "values", "power"),
     [

@@ -204,6 +204,11 @@ class Answer:
         return self._best.is_exact or max(self._push, self._rebounds) < config.SURE
 
     @property
+    def _misses_motion(self) -> bool:
+        """Whether nothing is named, and most of the marble's motion is unexplained."""
+        return not self._names and self._proof.misses_motion
+
+    @property
     def _is_of_the_rim(self) -> bool:
         """Whether a learned correction acts at the rim only."""
         return all(term.law in AT_RIM for term in self._best.terms)
@@ -211,6 +216,8 @@ class Answer:
     @property
     def _rest(self) -> words.Rest:
         """Origin of errors that are clearly more than noise."""
+        if self._misses_motion:
+            return "motion"
         if self._is_whole:
             return ""
         if not self._is_pushed:
@@ -221,14 +228,16 @@ class Answer:
         """Return the verdict; it is "unlisted" if the most important effect is the learned correction.
 
         Without effects, a push that does not repeat is not missing physics, because no simulator can predict
-        it.
+        it. But five parameters that leave most of the motion unexplained are not sufficient, no matter how
+        their noise or push accounts for it.
         """
         if not order:
-            return "unlisted" if self._is_pushed and self._repeats else "sufficient"
+            repeats = self._is_pushed and self._repeats
+            return "unlisted" if repeats or self._misses_motion else "sufficient"
         return "unlisted" if order[0] == UNLISTED else "missing"
 
     def _where(self) -> tuple[Finding, ...]:
-        if not self._names and self._is_whole:
+        if not self._names and self._is_whole and not self._misses_motion:
             return ()
         base, sources = self._base.fitted, self._sources(self._base)
         named = () if UNLISTED in self._names or self._is_pushed else self._names
@@ -319,7 +328,7 @@ class Answer:
     def _remains(self, shares: tuple[Share, ...], floor: float) -> Remains:
         rest = [one.share for one in shares if one.what == REST and one.horizon_s is None]
         stage = None
-        if not self._is_whole:
+        if not self._is_whole or self._misses_motion:
             stage = "contact" if self._rebounds > self._push else "board"
         repeats = self._is_pushed and self._repeats
         return Remains(share=rest[0] if rest else 0.0, stage=stage, repeats=repeats, floor_of_the_log=floor)

@@ -16,7 +16,7 @@ from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.hypotheses import JITTER, MAP, hypotheses
 from irt.diagnosis.learned import Corrections
 from irt.diagnosis.relevance import Relevance
-from irt.diagnosis.result import Diagnosis
+from irt.diagnosis.result import UNLISTED, Diagnosis
 from irt.diagnosis.score import Scored, Scores
 from irt.diagnosis.selection import Selection
 from irt.files import PathLike
@@ -84,7 +84,11 @@ def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
         kept, more = relevance.kept(relevance.freed(learned))
         immaterial |= more
     baseline, held = selection.baseline, relevance.validation
-    if not relevance.named(kept) and held.of(baseline).mae <= held.of(kept).mae:
+    if relevance.named(kept):
+        if UNLISTED not in kept.effects and held.of(kept).misses_motion:
+            # What is named where most of the motion is unexplained stands for that.
+            kept = baseline
+    elif held.of(baseline).mae <= held.of(kept).mae:
         # The likeliest five parameters may predict worse than least squares do.
         kept = baseline
     return Answer(kept, relevance, immaterial).diagnosis(report)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,6 +31,8 @@ class Held:
     ----------
     prediction : (n, 2) array
         Prediction of the complete run, or in windows if recordings start in motion [board edges].
+    firsts : tuple of int
+        First rows of these windows; 0 for the complete run.
     mae : float
         Its mean absolute error [board edges].
     model : Model
@@ -39,6 +42,7 @@ class Held:
     """
 
     prediction: Array
+    firsts: tuple[int, ...]
     mae: float
     model: Model
     evaluation: RunEvaluation
@@ -118,6 +122,25 @@ class HeldOut:
         """The same in windows of `config.HORIZON_S`; NaN if a recording is too short."""
         return float(np.mean(self.windowed_errors))
 
+    @functools.cached_property
+    def explained(self) -> float:
+        """The explained share of the marble's motion: of complete runs or of windows, whichever is larger.
+
+        It is 1 less the ratio of the mean absolute error to that of a marble that stays where a prediction
+        starts: a skill score (Murphy, "Skill scores based on the mean square error", 1988).
+        """
+        observed = [one.marble for one in self.whole.dataset.rig.recordings]
+        complete = [(one.prediction, one.firsts) for one in self.runs]
+        windows = [
+            (one.evaluation.windowed_prediction, one.evaluation.window_rows.tolist()) for one in self.runs
+        ]
+        return max(skill(observed, complete), skill(observed, windows))
+
+    @property
+    def misses_motion(self) -> bool:
+        """Whether most of the marble's motion is unexplained, and free runs miss by more than the noise."""
+        return not self.whole.is_exact and self.explained < 0.5
+
 
 @dataclass(eq=False)
 class Validation:
@@ -187,6 +210,27 @@ def agree(gains: Array) -> bool:
     return bool(np.mean(gains) > stdtrit(count - 1, 0.95) * error)
 
 
+def skill(observed: Sequence[Array], predicted: Sequence[tuple[Array, Sequence[int]]]) -> float:
+    """Return the skill of predictions (n, 2) over a marble at rest, each with the first rows of its windows.
+
+    The marble rests where it was seen before the window, or in row 0. Minus infinity if nothing moves.
+    """
+    error, motion = 0.0, 0.0
+    for seen, (prediction, firsts) in zip(observed, predicted, strict=True):
+        for first, end in itertools.pairwise([*firsts, len(seen)]):
+            start = _last_known(seen[: max(first, 1)])
+            rows = np.isfinite(prediction[first:end] + seen[first:end]).all(axis=1)
+            error += float(np.abs(prediction[first:end] - seen[first:end])[rows].sum())
+            motion += float(np.abs(start - seen[first:end])[rows].sum())
+    return 1.0 - error / motion if motion > 0.0 else -math.inf
+
+
+def _last_known(seen: Array) -> Array:
+    """Return the last known position of (n, 2), NaN without one."""
+    known = np.flatnonzero(np.isfinite(seen).all(axis=1))
+    return np.asarray(seen[known[-1]]) if len(known) else np.full(2, np.nan)
+
+
 def _held_out(one: Scored) -> HeldOut:
     dataset = one.dataset
     folds = np.unique(dataset.folds)
@@ -234,6 +278,7 @@ def _predicted(
     if dataset.rig.start == "moving":
         longer = evaluate(model, [run]).runs[0]
         if longer.windowed is not None:
-            return Held(longer.windowed_prediction, longer.windowed.mae, model, found)
+            firsts = tuple(longer.window_rows.tolist())
+            return Held(longer.windowed_prediction, firsts, longer.windowed.mae, model, found)
     assert found.free_run is not None, found.recording
-    return Held(found.free_prediction, found.free_run.mae, model, found)
+    return Held(found.free_prediction, (0,), found.free_run.mae, model, found)

@@ -19,7 +19,7 @@ from irt.fitting.robust import mean_absolute
 from irt.model import Parameter
 
 #: Origin of errors that are clearly more than noise.
-Rest = Literal["", "push", "chance", "rim"]
+Rest = Literal["", "motion", "push", "chance", "rim"]
 
 #: Sentences added if effects are named and errors remain that are clearly more than noise, by their origin.
 _MORE = {
@@ -33,6 +33,10 @@ _MORE = {
 #: What is said without effects, around the errors.
 _NONE = {
     "": ("The five parameters{} explain the recordings", "They reveal no missing physics."),
+    "motion": (
+        "The five parameters{} leave most of the motion unexplained, and no known effect explains it",
+        "Check the commands, their units and the ranges of the parameters: `irt check` says what it sees.",
+    ),
     "push": ("No known effect explains the residuals of the five-parameter model", ""),
     "chance": (
         "No known effect explains the residuals of the five-parameter model",
@@ -78,9 +82,9 @@ def summary(
         Mean absolute error of the base model and of the final one [board edges].
     heldout : bool
         Whether these are errors on held-out recordings.
-    rest : {"", "push", "chance", "rim"}
-        Origin of errors that are clearly more than noise: a push that repeats, one that does not, random
-        rebounds alone, or none.
+    rest : {"", "motion", "push", "chance", "rim"}
+        Origin of errors that are clearly more than noise: most of the motion, a push that repeats, one that
+        does not, random rebounds alone, or none.
     impacts : bool
         Whether the model has a law of impacts that is not among the effects.
     row_s : float, optional

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from irt.diagnosis.score import Scores
-from irt.diagnosis.validation import Validation
+from irt.diagnosis.validation import Validation, skill
 from irt.residual import evaluate
 from irt.rig import PARAMETERS
 from irt.segments import segments
@@ -49,6 +51,26 @@ def test_what_was_seen_of_a_recording_has_no_part_in_the_fit_that_predicts_it(pl
     # The other fits include it.
     assert not np.array_equal(before.values[0], after.values[0])
     assert not np.array_equal(before.values[2], after.values[2])
+
+
+@given(st.floats(-1.0, 1.0), st.integers(0, 2**32 - 1), st.integers(1, 4))
+def test_skill_is_the_share_of_the_motion_that_is_predicted(share, seed, windows):
+    random = np.random.default_rng(seed)
+    seen = random.standard_normal((40, 2)).cumsum(axis=0)
+    firsts = np.linspace(0, 40, windows, endpoint=False).astype(int).tolist()
+    began = np.array([max(max(first for first in firsts if first <= row) - 1, 0) for row in range(40)])
+    predicted = seen[began] + share * (seen - seen[began])
+    lost = random.random(40) < 0.2
+    lost[began] = False
+    seen[lost] = np.nan
+    assert skill([seen], [(predicted, firsts)]) == pytest.approx(share)
+
+
+def test_skill_is_that_of_all_recordings_and_needs_motion():
+    still, moving = np.zeros((9, 2)), np.arange(18.0).reshape(9, 2)
+    assert skill([still, moving], [(still, [0]), (moving, [0])]) == 1.0
+    assert skill([still], [(still + 1.0, [0])]) == -np.inf
+    assert skill([moving], [(np.full((9, 2), np.nan), [0])]) == -np.inf
 
 
 @pytest.mark.slow
