@@ -96,7 +96,8 @@ def test_nothing_is_named_if_commands_belong_to_other_recordings():
     found = irt.diagnose(replace(rig, recordings=tuple(mixed)))
     assert (found.verdict, found.effects) == ("unlisted", ())
     assert "leave most of the motion unexplained" in found.summary
-    assert "Check the commands" in found.summary
+    assert "Check that the commands belong to these recordings" in found.suggestion
+    assert found.inclusion == {}
     assert found.where
 
 

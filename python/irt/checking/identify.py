@@ -21,7 +21,7 @@ from irt.checking.result import Detectable, Identified
 from irt.checking.runs import row_step
 from irt.display import in_rows
 from irt.engine import SUBSTEP_S
-from irt.fitting.effect_size import size_of, strong_values, try_path
+from irt.fitting.effect_size import size_of, sizes_of, strong_values, try_path
 from irt.fitting.information import Information
 from irt.fitting.problem import Problem, in_unit_of
 from irt.fitting.sentences import unidentifiable
@@ -320,15 +320,15 @@ def _of_effect(linear: _Linear, info: EffectInfo) -> Iterator[Detectable]:
     if not np.array_equal(*paths):
         # The draws of a real rig are unknown, so a path with random numbers is not informative.
         return
-    size = size_of(info.name)
+    names, alone = {one.name for one in sizes_of(info.name)}, size_of(info.name) is None
     indices = [
         index
-        for index in (range(len(parameters)) if size is None else (size,))
-        if math.isfinite(parameters[index].neutral) and not parameters[index].is_choice
+        for index, one in enumerate(parameters)
+        if one.name in names and math.isfinite(one.neutral) and not one.is_choice
     ]
     if not indices:
         return
-    ladders = [_ladder(parameters, index, alone=size is None) for index in indices]
+    ladders = [_ladder(parameters, index, alone=alone) for index in indices]
     draws = np.concatenate([values for values, _ in ladders])
     strengths = linear.strengths(info.name, draws, [one.name for one in parameters])
     for index, (_, sizes), found in zip(indices, ladders, np.split(strengths, len(indices)), strict=True):

@@ -125,7 +125,7 @@ class Answer:
             indistinguishable=tuple(one.scored.fitted.model for one in tied),
             plausible=self._plausible(tied),
             unidentifiable=self._unidentifiable,
-            suggestion=words.suggestion(effects, dataset.rig.path),
+            suggestion=words.suggestion(effects, dataset.rig.path, self._rest),
             candidates=self._candidates(tied),
             runs=self._runs(),
             power=() if effects else tuple(detectability(self._scores, self._base)),
@@ -148,9 +148,10 @@ class Answer:
             },
             seed=dataset.seed,
             seconds=0.0,
-            inclusion=self._posterior.probabilities(
-                (self._immaterial | set(best.effects)) - set(self._names)
-            ),
+            # Where most of the motion is unexplained, effects are probable in the place of what is wrong.
+            inclusion={}
+            if self._misses_motion
+            else self._posterior.probabilities((self._immaterial | set(best.effects)) - set(self._names)),
             budget=shares,
             remains=self._remains(shares, twins.mae) if is_held_out else None,
             pushes=self._pushes() if where else (),

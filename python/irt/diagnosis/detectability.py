@@ -14,7 +14,7 @@ from irt.diagnosis.hypotheses import JITTER, hypotheses
 from irt.diagnosis.result import Power
 from irt.diagnosis.score import Scored, Scores
 from irt.diagnosis.screening import Screening
-from irt.fitting.effect_size import size_of
+from irt.fitting.effect_size import size_of, sizes_of
 from irt.fitting.problem import in_unit_of
 
 Array = NDArray[np.float64]
@@ -44,12 +44,11 @@ def detectability(scores: Scores, base: Scored) -> list[Power]:
 
 def _of(screening: Screening, info: EffectInfo, needed: float, seed: int) -> Iterator[Power]:
     parameters, name = info.required, info.name
-    size = size_of(name)
-    for index in range(len(parameters)) if size is None else (size,):
-        one = parameters[index]
-        if not math.isfinite(one.neutral):
+    sizes, alone = {one.name for one in sizes_of(name)}, size_of(name) is None
+    for index, one in enumerate(parameters):
+        if one.name not in sizes or not math.isfinite(one.neutral):
             continue
-        values, ladder = _ladder(parameters, index, alone=size is None, seed=seed)
+        values, ladder = _ladder(parameters, index, alone=alone, seed=seed)
         typical = np.median(screening.shown(name, values).reshape(SIZES, -1), axis=1)
         seen = typical - _SURE * np.sqrt(2.0 * typical) >= needed
         # The smallest size from which on all larger ones are detected too.

@@ -35,7 +35,7 @@ _NONE = {
     "": ("The five parameters{} explain the recordings", "They reveal no missing physics."),
     "motion": (
         "The five parameters{} leave most of the motion unexplained, and no known effect explains it",
-        "Check the commands, their units and the ranges of the parameters: `irt check` says what it sees.",
+        "Therefore nothing is named.",
     ),
     "push": ("No known effect explains the residuals of the five-parameter model", ""),
     "chance": (
@@ -160,8 +160,13 @@ def smoothed(effects: Sequence[NamedEffect], row_s: float) -> Iterator[str]:
             )
 
 
-def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
-    """Return what to record next, and why."""
+def suggestion(effects: Sequence[NamedEffect], rig: Path, rest: Rest = "") -> str:
+    """Return what to do or record next, and why; `rest` as for `summary`."""
+    if rest == "motion":
+        return (
+            "Check that the commands belong to these recordings (files, order, clock), and their units; then "
+            f"the ranges of the parameters in rig.toml. `irt check {as_typed(rig)}` shows what it finds."
+        )
     command = f"`irt suggest {as_typed(rig)} --models DIR` (DIR: the folder of these results)"
     tied = [one for one in effects if one.confusable_with]
     if any({one.name, *one.confusable_with} == {"delay", "latency"} for one in tied):

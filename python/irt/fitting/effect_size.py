@@ -34,20 +34,23 @@ def size_of(name: str) -> int | None:
 
 @functools.cache
 def sizes_of(name: str) -> Sequence[EffectParameter]:
-    """Return an effect's size parameter, or those that show alone; all required ones if none does.
+    """Return an effect's size parameter, or all required ones but those that show only beside others.
 
-    Those of a vector show alone. The distance of a tilted camera, say, does not: it is no size.
+    Without slopes the distance of a tilted camera does nothing: it is no size. What the run below never
+    meets, such as a force at the rim, may be one.
     """
     known, size = effect(name).required, size_of(name)
     if size is not None:
         return (known[size],)
     strong, plain = strong_values(name), try_path([])
-    alone = [
-        one
-        for one in known
-        if not np.array_equal(try_path([{"name": name, one.name: strong[one.name]}]), plain)
-    ]
-    return tuple(alone) or known
+    together = try_path([{"name": name, **strong}])
+
+    def is_size(one: EffectParameter) -> bool:
+        alone = try_path([{"name": name, one.name: strong[one.name]}])
+        others = try_path([{"name": name, **strong, one.name: one.neutral}])
+        return not np.array_equal(alone, plain) or np.array_equal(others, together)
+
+    return tuple(one for one in known if is_size(one))
 
 
 def strong_values(name: str) -> dict[str, float]:

@@ -375,14 +375,16 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
     """Yield sentences on the certainty of the answer."""
     tried = [one for one in diagnosis.candidates if one.effects]
     answer, ties = answers(diagnosis)
+    is_sufficient = diagnosis.verdict == "sufficient"
     if not diagnosis.effects:
         refused = [one for one in tried if frozenset(one.effects) != answer]
         if refused:
             number = counted(len(refused), "hypothesis", "hypotheses")
-            yield f"None of the {number} is supported by the recordings."
+            does = "is supported by the recordings" if is_sufficient else "explains what is left"
+            yield f"None of the {number} {does}."
         else:
             yield "No effect of the catalogue promised to explain more than chance does, so none was fitted."
-        if diagnosis.power:
+        if diagnosis.power and is_sufficient:
             yield "A small effect may still be present; see the table of detectable sizes."
     tied = False
     named = [one for one in diagnosis.effects if one.name != UNLISTED]
