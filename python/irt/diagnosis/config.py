@@ -77,5 +77,8 @@ CLOSE = 20.0
 HORIZON_S = 1.0
 #: Smallest remaining share of the five parameters' held-out error at which a correction is learned.
 WORTH = 0.1
+#: Smallest explained share of the marble's motion at which anything is named, or the five parameters are
+#: sufficient: most of it.
+EXPLAINED = 0.5
 #: Smallest probability at which an effect is named, by itself or with its ties.
 PROBABLE = 0.95

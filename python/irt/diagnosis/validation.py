@@ -139,7 +139,7 @@ class HeldOut:
     @property
     def misses_motion(self) -> bool:
         """Whether most of the marble's motion is unexplained, and free runs miss by more than the noise."""
-        return not self.whole.is_exact and self.explained < 0.5
+        return not self.whole.is_exact and self.explained < config.EXPLAINED
 
 
 @dataclass(eq=False)

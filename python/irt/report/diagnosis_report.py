@@ -196,7 +196,9 @@ class _Report:
         return {
             "effects": [self._effect(one, known) for one in diagnosis.effects],
             "formulas": [
-                note.removeprefix(LEARNED).removesuffix(".") for note in diagnosis.notes if _is_formula(note)
+                note.removeprefix(LEARNED).removesuffix(".")
+                for note in diagnosis.notes
+                if note.startswith(LEARNED)
             ],
             "indistinguishable": tables.indistinguishable(diagnosis, self.stated),
             "power": tables.power(diagnosis, self.stated),
@@ -218,7 +220,7 @@ class _Report:
             "tried": len(tried),
             "inclusion": tables.inclusion(diagnosis),
             "parameters": tables.parameters(diagnosis),
-            "notes": [note for note in diagnosis.notes if not _is_formula(note)],
+            "notes": [note for note in diagnosis.notes if not note.startswith(LEARNED)],
             "candidates": tables.candidates(diagnosis),
             "settings": {
                 **{str(name): str(value) for name, value in diagnosis.settings.items()},
@@ -471,11 +473,6 @@ def _patterns(diagnosis: Diagnosis) -> list[str]:
 def _repeats(diagnosis: Diagnosis) -> bool:
     """Whether residuals of the base model depend on something that repeats from run to run."""
     return bool(diagnosis.effects) or (diagnosis.remains is not None and diagnosis.remains.repeats)
-
-
-def _is_formula(note: str) -> bool:
-    """Whether a note is the formula of a learned correction, which is shown separately."""
-    return note.startswith(LEARNED)
 
 
 def answers(diagnosis: Diagnosis) -> tuple[frozenset[str], set[frozenset[str]]]:
