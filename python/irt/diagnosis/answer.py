@@ -148,7 +148,7 @@ class Answer:
             },
             seed=dataset.seed,
             seconds=0.0,
-            # Where most of the motion is unexplained, effects are probable in the place of what is wrong.
+            # Where most of the motion is unexplained, probable effects only imitate its cause.
             inclusion={}
             if self._misses_motion
             else self._posterior.probabilities((self._immaterial | set(best.effects)) - set(self._names)),

@@ -86,7 +86,7 @@ def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
     baseline, held = selection.baseline, relevance.validation
     if relevance.named(kept):
         if UNLISTED not in kept.effects and held.of(kept).misses_motion:
-            # What is named where most of the motion is unexplained stands for what is wrong.
+            # Where most of the motion is unexplained, effects only imitate its cause.
             kept = baseline
     elif held.of(baseline).mae <= held.of(kept).mae:
         # The likeliest five parameters may predict worse than least squares do.

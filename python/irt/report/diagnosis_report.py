@@ -382,7 +382,7 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
         refused = [one for one in tried if frozenset(one.effects) != answer]
         if refused:
             number = counted(len(refused), "hypothesis", "hypotheses")
-            does = "is supported by the recordings" if is_sufficient else "explains what is left"
+            does = "is supported by the recordings" if is_sufficient else "explains the remaining error"
             yield f"None of the {number} {does}."
         else:
             yield "No effect of the catalogue promised to explain more than chance does, so none was fitted."

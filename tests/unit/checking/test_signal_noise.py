@@ -16,9 +16,9 @@ def path(rows, period=60.0):
 @settings(max_examples=40, deadline=None)
 def test_the_noise_on_a_smooth_path_comes_back(seed, noise, period):
     random = np.random.default_rng(seed)
-    runs = [path(300, period) + noise * random.standard_normal(300) for _ in range(4)]
-    # Five standard errors: 0.05 each, from 1,200 values whose differences are correlated.
-    assert noise_of_runs(runs) == pytest.approx(noise, rel=0.25)
+    runs = [path(300, period) + noise * random.standard_normal(300) for _ in range(16)]
+    # Six standard errors: 0.024 each with 16 recordings, and 0.046 with four.
+    assert noise_of_runs(runs) == pytest.approx(noise, rel=0.15)
 
 
 def test_jumps_and_gaps_do_not_count():
