@@ -22,6 +22,7 @@ __all__ = [
     "paper_drive",
     "refine",
     "rollouts",
+    "seen",
     "smoothed",
     "tracker_noise",
     "turned",
@@ -73,6 +74,12 @@ def rollouts(
     threads: int | None,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64] | None, npt.NDArray[np.int64]]: ...
 def turned(path: npt.NDArray[np.float64], radius: float) -> npt.NDArray[np.float64]: ...
+def seen(
+    places: npt.NDArray[np.float64],
+    effects: Sequence[tuple[str, npt.NDArray[np.float64]]],
+    board: tuple[float, float, float, float, float, float],
+    marble: tuple[float, float, float],
+) -> npt.NDArray[np.float64]: ...
 def paper_drive(steps: int, amplitude: float, literal: bool) -> npt.NDArray[np.float64]: ...
 def ascend(
     problem: Mapping[str, Any],

@@ -319,6 +319,32 @@ def turned(path: Array, radius: float) -> Array:
     return _labsim.turned(path, radius)
 
 
+def seen(places: Array, rig: HasBoardAndMarble, effects: Sequence[Mapping[str, Any]]) -> Array:
+    """Return where a camera sees places on the level board.
+
+    Parameters
+    ----------
+    places : (n, 2)
+        From the board's centre [board edges along x].
+    rig : Rig or Model
+        The board.
+    effects : sequence of mapping
+        Each has a "name" and parameters; effects on more than the picture are ignored.
+
+    Returns
+    -------
+    (n, 2)
+        Places in the picture [board edges along x].
+    """
+    board, marble = rig.board, rig.marble
+    return _labsim.seen(
+        places,
+        parameter_values(effects, 1),
+        astuple(board),
+        (marble.radius_m, marble.mass_kg, marble.damping_per_s),
+    )
+
+
 @arguments.entry
 def paper_drive(steps: int = 100, amplitude: float = 0.1, literal: bool = False) -> Array:
     """Knob angles of the paper's drive (Eq. 3).

@@ -30,7 +30,7 @@ mod _labsim {
     #[pymodule_export]
     use super::grey_box::{ascend, filtered, leave_out, smoothed};
     #[pymodule_export]
-    use super::{paper_drive, rollouts, turned};
+    use super::{paper_drive, rollouts, seen, turned};
 
     use pyo3::prelude::*;
 
@@ -215,6 +215,27 @@ fn turned<'py>(
         py,
         &labsim::turned(&arrays::rows::<2>(&path)?, radius),
     ))
+}
+
+/// Where a camera sees places on the level board `(n, 2)`, both in board edges; see `labsim::seen`.
+///
+/// Each effect has one row of values.
+#[pyfunction]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the extracted views of Python's arguments are owned here"
+)]
+fn seen<'py>(
+    py: Python<'py>,
+    places: PyReadonlyArray2<'py, f64>,
+    effects: Vec<(String, PyReadonlyArray2<'py, f64>)>,
+    board: [f64; 6],
+    marble: [f64; 3],
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let effects = catalogue::Values::new(&effects)?;
+    let places = arrays::rows::<2>(&places)?;
+    let seen = labsim::seen(&rig(board, marble), &effects.chosen(1), &places);
+    Ok(arrays::matrix(py, &seen))
 }
 
 /// Knob angles of the paper's drive (rad), `(steps, 2)`; see `irt.paper_drive`.

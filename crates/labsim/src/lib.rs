@@ -59,7 +59,7 @@ mod threads;
 
 pub use board::{Board, Marble, Rig};
 pub use drive::paper_drive;
-pub use effects::{EffectInstance, EffectNoise, EffectSpec, effects};
+pub use effects::{EffectInstance, EffectNoise, EffectSpec, effects, seen};
 pub use engine::{Engine, Hold};
 pub use error::{Error, Result};
 pub use fleet::{Fleet, State, Tracker};

@@ -107,7 +107,7 @@ class Answer:
                 after=answer.mae,
                 heldout=is_held_out,
                 rest=self._rest,
-                impacts=len(self._names) < len(best.effects),
+                unnamed=self._unnamed,
                 row_s=None if dataset.time_scale is not None else dataset.row_s(best.fitted),
             ),
             where=where,
@@ -137,7 +137,7 @@ class Answer:
                     explained=self._is_whole,
                 ),
                 *words.smoothed(effects, dataset.row_s(best.fitted)),
-                *self._impacts(),
+                *self._notes_on_unnamed(),
                 *sentences(self._recordings, self._differences),
             ),
             settings={
@@ -275,16 +275,27 @@ class Answer:
         """Return effects by importance: the largest held-out error without it first."""
         return sorted(names, key=lambda name: -self._without(name).mae)
 
-    def _impacts(self) -> Iterator[str]:
-        """Yield a note on a law of impacts that is in the model and not named."""
-        board = self._dataset.rig.board
+    @functools.cached_property
+    def _unnamed(self) -> dict[str, list[str]]:
+        """Effects in the model that are not named, by what they are."""
+        found: dict[str, list[str]] = {}
         for name in self._best.effects:
             if name not in self._names:
-                more, rubs = (self._best.values[f"{name}.{key}"] for key in ("increase", "friction_increase"))
-                yield words.impacts(
-                    (board.wall_restitution, board.wall_restitution + more),
-                    (board.wall_friction, board.wall_friction + rubs),
-                )
+                what = words.LAW_OF_IMPACTS if effect(name).of_rims else words.CORNERS
+                found.setdefault(what, []).append(name)
+        return found
+
+    def _notes_on_unnamed(self) -> Iterator[str]:
+        """Yield notes on effects that are in the model and not named."""
+        board = self._dataset.rig.board
+        for name in self._unnamed.get(words.LAW_OF_IMPACTS, ()):
+            more, rubs = (self._best.values[f"{name}.{key}"] for key in ("increase", "friction_increase"))
+            yield words.impacts(
+                (board.wall_restitution, board.wall_restitution + more),
+                (board.wall_friction, board.wall_friction + rubs),
+            )
+        if words.CORNERS in self._unnamed:
+            yield words.corners(self._unnamed[words.CORNERS])
 
     def _chosen_again(self, tied: Sequence[Tie]) -> Nested | None:
         """Repeat the selection without each recording: answer, subsets, ties and likely sets compete."""

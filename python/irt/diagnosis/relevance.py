@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from irt.catalogue import effect
-from irt.diagnosis import config, intervals
+from irt.diagnosis import calibration, config, intervals
 from irt.diagnosis.hypotheses import JITTER, group_of
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scored, Scores
@@ -127,11 +127,12 @@ class Relevance:
         Delay jitter does not improve predictions, so only its likelihood counts. It must be finite: the
         spread must be compatible with the mean, also for values from free runs. Likelihoods alone do not
         count if the recordings agree that errors are smaller without the effect: then the random push, which
-        the likelihoods contain, stands for something else.
+        the likelihoods contain, stands for something else. Nor do they if the mean effect of jitter predicts
+        better without a spread: then delays only seem random.
         """
-        if name == JITTER:
-            return math.isfinite(one.score)
         noise, without = one.dataset.noise, self.without(one, name)
+        if name == JITTER:
+            return math.isfinite(one.score) and self.loss(one, name) > -config.MATTERS * noise
         if self.loss(one, name) >= config.MATTERS * noise:
             return True
         if not self.validation.is_likelier(one, without) or self.validation.is_better(without, one):
@@ -157,10 +158,18 @@ class Relevance:
         return self._parameters[one]
 
     def named(self, one: Scored) -> list[str]:
-        """Return the effects of a reduced set that are missing physics, not differences between engines."""
+        """Return the effects of a reduced set that are missing physics.
+
+        Others are differences between engines, or errors of the tracker's calibration.
+        """
         found, _ = self.parameters(one)
-        rig = one.dataset.rig
-        return [name for name in one.effects if intervals.is_named(in_unit_of(rig, effect(name)), found)]
+        rig, noise = one.dataset.rig, one.dataset.noise
+        return [
+            name
+            for name in one.effects
+            if intervals.is_named(in_unit_of(rig, effect(name)), found)
+            and not calibration.is_within_error(name, one.fitted.value_of(name), rig, noise)
+        ]
 
     def kept(self, one: Scored) -> tuple[Scored, frozenset[str]]:
         """Return a set reduced to effects that matter and are probable, and the effects that do not matter.

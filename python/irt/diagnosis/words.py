@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from irt.catalogue import effect
 from irt.diagnosis.dataset import Dataset, Fitted
@@ -17,6 +18,8 @@ from irt.display import in_rows, listed, two_digits
 from irt.files import as_typed
 from irt.fitting.robust import mean_absolute
 from irt.model import Parameter
+
+Array = NDArray[np.float64]
 
 #: Origin of errors that are clearly more than noise.
 Rest = Literal["", "motion", "push", "chance", "rim"]
@@ -49,12 +52,14 @@ _NONE = {
         "",
     ),
 }
-#: What is added to them, if it is not named.
-_LAW = " and a law of impacts"
+#: Parts of a model that are not named.
+LAW_OF_IMPACTS, CORNERS = "a law of impacts", "corrected corners of the picture"
 #: Beginning of the note with the formula of a learned correction.
 LEARNED = "Learned correction, in SI units: "
-#: Fewest recordings, and fewest rows with a moving marble, for a diagnosis without a caveat.
+#: Fewest recordings, and fewest places of the marble, for a diagnosis without a caveat.
 _FEW, _STILL = 3, 30
+#: Distance of places that are clearly apart, in standard deviations of the tracker.
+_APART = 6.0
 #: Widest smoothing of positions that is mentioned [rows]: wider ones round off a path visibly.
 _SMOOTHED = 3.0
 
@@ -67,7 +72,7 @@ def summary(
     after: float,
     heldout: bool,
     rest: Rest = "",
-    impacts: bool = False,
+    unnamed: Collection[str] = (),
     row_s: float | None = None,
 ) -> str:
     """Return the result in one or two sentences.
@@ -85,19 +90,20 @@ def summary(
     rest : {"", "motion", "push", "chance", "rim"}
         Origin of errors that are clearly more than noise: most of the motion, a push that repeats, one that
         does not, random rebounds alone, or none.
-    impacts : bool
-        Whether the model has a law of impacts that is not among the effects.
+    unnamed : collection of str
+        Parts of the model that are not among the effects.
     row_s : float, optional
         Duration of a row in the simulation [s] if recordings have no stamps; times are then given in rows.
     """
     floor = _percent(mean_absolute(noise))
+    more_of_model = "".join(f" and {one}" for one in unnamed)
     if not effects:
         error = (
             f"{'held-out error' if heldout else 'error of the fit'} {_percent(before)} of the board's edge"
         )
         errors = f"({error}; tracker noise alone gives {floor})"
         before_errors, after_errors = _NONE[rest]
-        return f"{before_errors.format(_LAW if impacts else '')} {errors}. {after_errors}".rstrip()
+        return f"{before_errors.format(more_of_model)} {errors}. {after_errors}".rstrip()
     one = len(effects) == 1
     named = listed(_shown(one, row_s) for one in effects)
     which = "held-out recordings" if heldout else "the only recording"
@@ -115,7 +121,7 @@ def summary(
             f"({_percent(before)} of the board's edge without, {_percent(after)} with)"
         )
     return (
-        f"The simulator lacks {named}: with {'it' if one else 'them'}{_LAW if impacts else ''}, {what}; "
+        f"The simulator lacks {named}: with {'it' if one else 'them'}{more_of_model}, {what}; "
         f"tracker noise alone gives {floor}.{ties}{more}"
     )
 
@@ -133,6 +139,15 @@ def impacts(restitution: tuple[float, float], friction: tuple[float, float]) -> 
         f"0.1 m/s and a friction of {two_digits(max(0.0, friction[1]))} of the rim (rig.toml: "
         f"{restitution[0]:g} and {friction[0]:g}). Simulators differ by as much: this is in the model, and "
         "not named."
+    )
+
+
+def corners(names: Sequence[str]) -> str:
+    """Return a note on effects of the camera that are in the model and not named."""
+    one = len(names) == 1
+    return (
+        f"The picture is displaced a little ({listed(names)}), no more than errors of the tracker's four "
+        f"corners by its noise would do: {'this is' if one else 'these are'} in the model, and not named."
     )
 
 
@@ -230,15 +245,22 @@ def notes(
         )
     elif len(dataset.rig.recordings) < _FEW:
         yield "With two recordings, an effect that fits both may be due to chance. Record at least three."
-    moving = sum(
-        int((np.linalg.norm(np.diff(segment.observed, axis=0), axis=1) > 6.0 * dataset.noise).sum())
-        for segment in dataset.segments
-    )
-    if moving < _STILL:
+    places = sum(_places(segment.observed, _APART * dataset.noise) for segment in dataset.segments)
+    if places < _STILL:
         yield (
-            f"The marble moves in only {moving} rows: hardly any effect is detectable. See the table of "
-            "detectable sizes."
+            f"The marble is seen in only {places} places that are clearly apart: hardly any effect is "
+            "detectable. See the table of detectable sizes."
         )
+
+
+def _places(observed: Array, apart: float) -> int:
+    """Return the number of positions (n, 2) that are this far from the one counted before."""
+    known = observed[np.isfinite(observed).all(axis=1)]
+    count, last = 0, known[:1].sum(axis=0)
+    for place in known:
+        if np.linalg.norm(place - last) > apart:
+            count, last = count + 1, place
+    return count
 
 
 def _shown(one: NamedEffect, row_s: float | None) -> str:

@@ -1,13 +1,14 @@
 """Summary and suggestion of a diagnosis."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from irt import catalogue, rollouts
 from irt.diagnosis.result import UNLISTED, NamedEffect
-from irt.diagnosis.words import smoothed, suggestion, summary
+from irt.diagnosis.words import CORNERS, LAW_OF_IMPACTS, corners, notes, smoothed, suggestion, summary
 from irt.engine import SUBSTEP_S
 from irt.model import Parameter
 
@@ -159,3 +160,22 @@ def test_a_rig_in_the_working_directory_is_named_from_there(tmp_path, monkeypatc
     assert "`irt suggest 'my rig' --models DIR`" in suggestion([effect()], tmp_path / "my rig")
     assert "`irt suggest ../rig --models DIR`" in suggestion([effect()], Path("../rig"))
     assert f"`irt suggest {tmp_path.parent} --models DIR`" in suggestion([effect()], tmp_path.parent)
+
+
+def test_what_is_in_the_model_but_not_named_is_said():
+    settings = {"noise": 0.001, "before": 0.04, "after": 0.002, "heldout": True}
+    assert f"with it and {LAW_OF_IMPACTS} and {CORNERS}, the error" in summary(
+        [effect()], unnamed=[LAW_OF_IMPACTS, CORNERS], **settings
+    )
+    assert f"The five parameters and {CORNERS} explain" in summary([], unnamed=[CORNERS], **settings)
+    assert "(camera_offset and perspective)" in corners(["camera_offset", "perspective"])
+
+
+@pytest.mark.parametrize(("rows", "length", "rests"), [(400, 0.4, False), (400, 0.02, True), (20, 0.4, True)])
+def test_a_slow_marble_does_not_rest(rows, length, rests):
+    path = np.column_stack([np.linspace(0.0, length, rows), np.zeros(rows)])
+    path[rows // 2] = np.nan
+    rig = SimpleNamespace(recordings=[None] * 3)
+    dataset = SimpleNamespace(rig=rig, segments=[SimpleNamespace(observed=path)], noise=0.001)
+    said = list(notes(dataset, SimpleNamespace(effects=()), None, explained=True))
+    assert [text.startswith("The marble is seen in only") for text in said] == [True] * rests

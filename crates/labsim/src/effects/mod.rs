@@ -16,7 +16,7 @@
 
 mod spec;
 
-use pulp::Simd;
+use pulp::{Scalar, Simd};
 
 pub use self::spec::{EffectNoise, EffectSpec, Parameter, Stage};
 pub(crate) use self::spec::{Hook, Memory};
@@ -256,6 +256,24 @@ pub fn effect(name: &str) -> Result<&'static EffectSpec> {
             .collect::<Vec<_>>()
             .join(", "),
     })
+}
+
+/// Where a camera sees places on the level board: both in board edges along x, from the board's centre.
+///
+/// `chosen` are effects with one set of values, which act in the order of the catalogue. Those that act on more than
+/// the picture are ignored, and so is `observation_scale`.
+pub fn seen(rig: &Rig, chosen: &[EffectInstance<'_>], places: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let on_picture = |acts| acts == Hook::OnPicture;
+    let camera = acting(Scalar, rig, &in_order(chosen), on_picture, |_| 0);
+    let level = [Lanes::splat(Scalar, 0.0); 2];
+    let see = |place: &[f64; 2]| {
+        let mut seen = place.map(|value| Lanes::splat(Scalar, value));
+        for effect in &camera {
+            effect.see(&mut seen, &level);
+        }
+        seen.map(|value| value.to_array()[0])
+    };
+    places.iter().map(see).collect()
 }
 
 /// The values about x and y, from their mean and their difference y minus x.
