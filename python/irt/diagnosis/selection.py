@@ -316,14 +316,13 @@ class Selection:
         """
         worth = max(config.LEAST, config.PROMISING * max((one.gain for one in promises), default=0.0))
         promises = [one for rank, one in enumerate(promises) if one.gain > worth or rank < config.TOPS]
-        begun = []
-        for quieten in (np.copy, quiet):
+        begun: list[Scored] = []
+        for sized in (np.copy, quiet):
             # With small pushes a fit is poor for longer, but sees what larger ones hide: ranked on its own.
-            first = [one for promise in promises for one in self._begun(parent, promise, quieten)]
-            further = [
-                self._further(one, one.noise[None], config.FIRST) for one in _best(first, config.SECOND)
-            ]
-            begun += [*first, *itertools.chain(*further)]
+            early = [one for promise in promises for one in self._begun(parent, promise, sized)]
+            begun += early
+            for one in _best(early, config.SECOND):
+                begun += self._further(one, one.noise[None], config.FIRST)
         effects: dict[tuple[str, ...], Scored] = {}
         for one in _best(begun, len(begun)):
             effects.setdefault(one.effects, one)
@@ -358,14 +357,14 @@ class Selection:
             return min(one, other, key=lambda each: self.validation.of(each).mae)
         return max(one, other, key=lambda each: each.score)
 
-    def _begun(self, parent: Scored, promise: Promise, quieten: Callable[[Array], Array]) -> list[Scored]:
+    def _begun(self, parent: Scored, promise: Promise, sized: Callable[[Array], Array]) -> list[Scored]:
         """Fit a set with one more effect for a few steps from its screened start values.
 
-        Noise sizes start at those without the effect, as changed by `quieten`.
+        Noise sizes start at those without the effect, as changed by `sized`.
         """
         effects = child(parent.effects, promise.name)
         self.report(" + ".join(effects))
-        values, noise = promise.starts[:2], quieten(promise.noise[:2])
+        values, noise = promise.starts[:2], sized(promise.noise[:2])
         return self.scores.ascend(effects, values, noise, parent.top.states, iterations=config.BEGUN)
 
     def _further(self, one: Scored, noise: Array, iterations: int) -> list[Scored]:
