@@ -106,7 +106,8 @@ def draw_report(rig: Rig, found: Diagnosis) -> list[Path]:
         chromium = driver.chromium.launch(executable_path=browser, args=["--no-sandbox"])
         page = chromium.new_page(viewport={"width": WIDE, "height": HIGH}, color_scheme="light")
         page.goto(report.as_uri())
-        page.locator(".run").select_option(label="run-5")
+        # A run that is chosen does not play.
+        page.locator(".run").select_option(index=0)
         page.locator(".time").fill("140")
         box = "one => ['top', 'bottom'].map(side => one.getBoundingClientRect()[side] + scrollY)"
         heads = page.locator("h2").evaluate_all(f"all => all.map(one => [one.textContent, ...({box})(one)])")
