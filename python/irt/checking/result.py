@@ -210,7 +210,9 @@ class Identified:
         Half width of the 95 % interval of each of the five parameters [its own unit]; None if it is not
         identified.
     values : dict
-        The quick fit at which the model was linearised.
+        The fit at which the model was linearised.
+    misses : float
+        Its mean absolute error in free runs over that of noise alone.
     unidentifiable : tuple of str
         Sentences on parameters and combinations that cannot be identified.
     effects : tuple of Detectable
@@ -220,6 +222,7 @@ class Identified:
 
     intervals: dict[str, float | None]
     values: dict[str, float]
+    misses: float
     unidentifiable: tuple[str, ...]
     effects: tuple[Detectable, ...]
 

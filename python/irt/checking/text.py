@@ -15,6 +15,8 @@ _WIDTH = 100
 _NEVER_RUNS = 1000
 #: Widths of the columns of the table of runs.
 _COLUMNS = (6, 6, 5, 7, 5, 4, 5, 5, 5, 7)
+#: Error of a fit that is clearly more than noise, over that of noise: as if the variance doubled.
+_CLEARLY = math.sqrt(2.0)
 #: Number of runs with a line of their own; others are summed up in a last line.
 _MOST_RUNS = 12
 
@@ -118,6 +120,11 @@ def _response(one: ResponseFacts) -> Iterator[str]:
 
 def _identified(found: Identified, runs: int) -> Iterator[str]:
     yield "identifiable from these recordings if the residuals are only noise (95 % intervals)"
+    if found.misses > _CLEARLY:
+        yield from _bullet(
+            f"values are of a fit that misses by {found.misses:.2g} times the noise: the intervals say what "
+            "these runs could show; irt tune and irt diagnose find the values"
+        )
     known = [
         f"{name} {found.values[name]:.3g} +- {half:.2g}"
         if half

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,13 +28,14 @@ def make_rig() -> MakeRig:
         stamped: bool = True,
         noise: float = NOISE,
         amplitude: float = 0.08,
+        effects: Sequence[Mapping[str, Any]] = (),
         **fields,
     ) -> Rig:
         random = np.random.default_rng(0)
         recordings = []
         for number in range(runs):
             knobs = drive(rows, number, amplitude)
-            marble = rollouts(TRUTH, knobs, time_step="continuous")[0]
+            marble = rollouts(TRUTH, knobs, effects=effects, time_step="continuous")[0]
             marble = marble + noise * random.standard_normal(marble.shape)
             stamps = STEP_S * np.arange(rows) if stamped else None
             recordings.append(

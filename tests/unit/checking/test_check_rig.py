@@ -8,6 +8,7 @@ import pytest
 
 import irt
 from irt.checking import check, page
+from irt.cli.demo import data
 from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.recording import CMD, Recording
@@ -44,6 +45,22 @@ def test_right_recordings_have_no_warning_and_are_identified(make_rig):
 
 def test_the_package_offers_it(make_rig):
     assert irt.check(make_rig(runs=2)).findings == check(make_rig(runs=2)).findings
+
+
+def test_values_are_those_that_a_fit_from_many_starts_finds():
+    """Without stamps only products with the square of the time scale are known."""
+    rig = load_rig(data("labyrinth"))
+    tuned = irt.tune(rig).model.parameters
+    found = [check(rig).identified.values, {name: one.value for name, one in tuned.items()}]
+    gears = [[one["time_scale"] ** 2 * one[name] for name in ("gear_x", "gear_y")] for one in found]
+    np.testing.assert_allclose(gears[0], gears[1], rtol=0.01)
+
+
+def test_a_fit_that_misses_says_so(make_rig):
+    drag = [{"name": "viscous_drag", "rate_per_s": 0.3}]
+    found = check(make_rig(effects=drag))
+    assert found.identified.misses > 2.0
+    assert f"misses by {found.identified.misses:.2g} times the noise" in page(found)
 
 
 def test_without_stamps_the_time_scale_is_not_identified(make_rig):
