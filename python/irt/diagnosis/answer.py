@@ -37,8 +37,8 @@ from irt.diagnosis.result import (
     Verdict,
 )
 from irt.diagnosis.score import LASTING, SCALE_OF_NORMAL, WHITE, Scored, Scores
-from irt.diagnosis.selection import Posterior, probabilities
 from irt.diagnosis.sessions import Difference, differences, sentences
+from irt.diagnosis.sets import Posterior, probabilities
 from irt.diagnosis.terms import AT_RIM
 from irt.diagnosis.ties import Tie, reason, ties
 from irt.diagnosis.time_symmetry import at_one_time_scale

@@ -14,9 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.score import PULL, PULL_S, PUSH, Scored, Scores
-from irt.diagnosis.screening import Promise, Screening
+from irt.diagnosis.hypotheses import simulated
+from irt.diagnosis.score import PULL, PULL_S, PUSH, Scored, Scores, quiet
+from irt.diagnosis.screening import Promise, Screening, draws
+from irt.fitting.problem import in_unit_of
 
 #: Points between two maxima, as shares of the way.
 BETWEEN = (0.25, 0.5, 0.75)
@@ -62,6 +65,28 @@ def as_expected(scores: Scores, one: Scored) -> Scored:
         noise=scores.noise(config.PUSHES[0]),
     )
     return replace(one, top=top)
+
+
+def from_draws(scores: Scores, one: Scored) -> Scored:
+    """Fit a set anew from draws of its effects' values, and return the best fit of the set.
+
+    The five parameters start in the middle of their ranges, with hardly any push.
+    """
+    expected = as_expected(scores, one)
+    values = np.tile(expected.top.values, (config.DRAWS, 1))
+    for number, name in enumerate(simulated(one.effects)[1:]):
+        info = in_unit_of(scores.dataset.rig, effect(name))
+        if info.shrunk:
+            continue
+        columns = [one.names.index(f"{name}.{each.name}") for each in info.required]
+        values[:, columns] = draws(info, config.DRAWS, scores.dataset.seed + number)
+    noise = quiet(np.tile(one.noise, (config.DRAWS, 1)))
+    begun = scores.ascend(one.effects, values, noise, one.top.states, iterations=config.FIRST)
+    for each in sorted(begun, key=lambda fit: -fit.score)[: config.SECOND]:
+        scores.ascend(
+            one.effects, each.top.values[None], each.noise[None], each.top.states, iterations=config.THOROUGH
+        )
+    return scores.known[frozenset(one.effects)]
 
 
 def without_pull(scores: Scores, one: Scored, names: Sequence[str]) -> tuple[Scored, list[Promise]]:

@@ -13,7 +13,8 @@ from irt.diagnosis import calibration, config, intervals
 from irt.diagnosis.hypotheses import JITTER, group_of
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scored, Scores
-from irt.diagnosis.selection import Posterior, Selection
+from irt.diagnosis.selection import Selection
+from irt.diagnosis.sets import Posterior
 from irt.diagnosis.ties import Tie, exchanged
 from irt.diagnosis.validation import Validation
 from irt.fitting.problem import in_unit_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable, Collection, Container, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,90 +13,13 @@ import numpy as np
 from irt.catalogue import effect
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, ON_AVERAGE, SMOOTHED
-from irt.diagnosis.maxima import as_expected, promising, without_pull
-from irt.diagnosis.result import UNLISTED
+from irt.diagnosis.maxima import as_expected, from_draws, promising, without_pull
 from irt.diagnosis.score import PULL, PUSH, Array, Scored, Scores, quiet
 from irt.diagnosis.screening import Promise, Screening, child, place_of
+from irt.diagnosis.sets import Posterior, is_rival, renamed
 from irt.diagnosis.validation import Validation
 
 Report = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Posterior:
-    """The posterior over the scored sets.
-
-    Attributes
-    ----------
-    best : Scored
-        The most probable set.
-    sets : tuple of Scored
-        All scored sets, the most probable first.
-    """
-
-    best: Scored
-    sets: tuple[Scored, ...]
-
-    def any_of(self, names: Sequence[str]) -> float:
-        """Return the probability that at least one of these effects acts."""
-        with_it = [not set(names).isdisjoint(one.effects) for one in self.sets]
-        # Rounding may raise the sum above 1.
-        return min(1.0, float(probabilities([one.score for one in self.sets])[with_it].sum()))
-
-    def beside(self, one: Scored) -> Posterior:
-        """Return the posterior with one more set, which is the most probable one."""
-        return Posterior(one, (one, *self.sets))
-
-    def likely(self, answer: Scored, renamed: Sequence[Scored] = ()) -> list[tuple[Scored, float]]:
-        """Return the sets that are worth a mention, with probabilities that add up to 1.
-
-        Parameters
-        ----------
-        answer : Scored
-            The answer, which comes first. It lacks effects that do not matter to held-out errors, which may
-            still be present, and it may predict better than a set of higher score. Therefore it gets the
-            probability of the most probable set.
-        renamed : sequence of Scored
-            The answer with another name of an effect; these get the same probability.
-        """
-        most = max([answer.score, *(one.score for one in self.sets)])
-        scores = dict.fromkeys([answer, *renamed], most)
-        known = {frozenset(one.effects) for one in scores}
-        scores |= {one: one.score for one in self.sets if frozenset(one.effects) not in known}
-        chances = probabilities(list(scores.values())).tolist()
-        pairs = zip(scores, chances, strict=True)
-        found = [pair for pair in pairs if pair[1] > config.MENTIONED][: config.PLAUSIBLE]
-        total = sum(chance for _, chance in found)
-        return [(one, chance / total) for one, chance in found]
-
-    def probabilities(self, immaterial: Container[str]) -> dict[str, float]:
-        """Return the probabilities of effects of the catalogue above `config.MENTIONED`.
-
-        Parameters
-        ----------
-        immaterial : container of str
-            Effects to leave out because they do not matter: they describe differences between engines.
-        """
-        names = {name for one in self.sets for name in one.effects if name not in immaterial} - {UNLISTED}
-        found = {name: self.any_of([name]) for name in sorted(names)}
-        return {name: chance for name, chance in found.items() if chance > config.MENTIONED}
-
-
-def probabilities(scores: Sequence[float]) -> Array:
-    """Return normalised probabilities, (k,), from log posteriors."""
-    weights = np.exp(np.array(scores) - max(scores))
-    return np.asarray(weights / weights.sum())
-
-
-def renamed(one: Scored, name: str) -> Scored:
-    """Return a set with the same values, with one effect replaced by its equivalent in `ALIKE`.
-
-    With a random push, the likelihood does not distinguish the two fairly: the filter applies an observation
-    to the current state, not to the state at the time of an old picture, which penalises true latencies.
-    """
-    (instead,) = ALIKE - {name}
-    effects = tuple(instead if each == name else each for each in one.effects)
-    return replace(one, effects=effects, names=Scores.of(one).problem(effects).names)
 
 
 @dataclass(eq=False)
@@ -148,7 +71,7 @@ class Selection:
             self._swapped,
             self._mapped,
         ]
-        laborious = [self._grown_from_rival, self.merged]
+        laborious = [self._restarted, self._grown_from_rival, self.merged]
         # Steps that were tried from a set are not repeated when the set comes back with a better fit.
         tried: set[tuple[str, frozenset[str]]] = set()
         better: Scored | None = best
@@ -160,6 +83,9 @@ class Selection:
                     break
                 better = self._first_better(best, laborious, tried)
             if better is not None:
+                if set(better.effects) == set(best.effects):
+                    # From other values the other steps may lead elsewhere.
+                    tried = {(step, own) for step, own in tried if step == self._restarted.__name__}
                 best = self._pruned(better)
                 if len(best.effects) > 1 and is_beaten(best, MAP in best.effects):
                     break
@@ -269,6 +195,21 @@ class Selection:
             return None
         return self._if_better(self._best_child(parent, [MAP], 1, parent.score), parent, None)
 
+    def _restarted(self, one: Scored) -> Scored | None:
+        """Return a better fit of a set, from draws of all its effects and of each beside the others.
+
+        An effect that was added at a poor maximum of the others leads to a poor one itself, at which the
+        right set may have wrong values.
+        """
+        if not one.effects or one.is_exact:
+            return None
+        found = from_draws(self.scores, one)
+        for name in one.effects:
+            less = self._stripped(found, name)
+            self._best_child(less, [name], 1, found.score, place_of(name, found.values))
+            found = self.scores.known[frozenset(one.effects)]
+        return self._if_better(found, one, None)
+
     def _grown_from_rival(self, one: Scored) -> Scored | None:
         """Return a better set that adds an effect to a rival of a set, if there is one.
 
@@ -283,9 +224,17 @@ class Selection:
                         return better
         return None
 
-    @staticmethod
-    def _if_better(found: Scored | None, to_beat: Scored, otherwise: Scored | None) -> Scored | None:
-        return found if found is not None and found.score > to_beat.score + config.SURE else otherwise
+    def _if_better(self, found: Scored | None, to_beat: Scored, otherwise: Scored | None) -> Scored | None:
+        return found if found is not None and self._is_worth(found, to_beat) else otherwise
+
+    def _is_worth(self, one: Scored, less: Scored) -> bool:
+        """Whether a set is worth more effects than another.
+
+        It must be more probable by odds of 99 to 1, or of 20 to 1 if the held-out recordings agree that it
+        predicts better: few contacts may not say more.
+        """
+        gain = one.score - less.score
+        return gain > config.SURE or (gain > config.TIE and self.validation.is_better(one, less))
 
     def _other(self, one: Scored) -> list[str]:
         """Return the effects that a set lacks, except the slope map and other names of its effects."""
@@ -429,7 +378,7 @@ class Selection:
         """Drop effects that gain nothing in addition to the others."""
         for name in one.effects:
             less = self.without(one, name)
-            if less.score > one.score - config.SURE:
+            if not self._is_worth(one, less):
                 return self._pruned(less)
         return one
 
@@ -474,18 +423,6 @@ class Selection:
                 if better is not None and better.score > one.score + config.BETTER:
                     return better
         return None
-
-
-def exchange(one: Scored, other: Scored) -> tuple[str, str]:
-    """Return the effect that another set lacks and its replacement; empty unless exactly one is replaced."""
-    gone, instead = set(one.effects) - set(other.effects), set(other.effects) - set(one.effects)
-    return (gone.pop(), instead.pop()) if len(gone) == len(instead) == 1 else ("", "")
-
-
-def is_rival(one: Scored, other: Scored) -> bool:
-    """Whether another set is about as probable, with one effect replaced; jittered delays have no rival."""
-    gone, instead = exchange(one, other)
-    return bool(gone) and JITTER not in {gone, instead} and one.score - other.score <= config.CLOSE
 
 
 def _best(found: Sequence[Scored], count: int) -> list[Scored]:

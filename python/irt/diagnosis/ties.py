@@ -11,7 +11,7 @@ import numpy as np
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import ALIKE
 from irt.diagnosis.score import Array, Scored, Scores
-from irt.diagnosis.selection import Posterior, exchange, is_rival, renamed
+from irt.diagnosis.sets import Posterior, exchange, is_rival, renamed
 from irt.diagnosis.validation import Validation, agree
 
 

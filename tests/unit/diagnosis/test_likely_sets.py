@@ -6,7 +6,7 @@ import pytest
 
 from irt.diagnosis import config
 from irt.diagnosis.score import Scores
-from irt.diagnosis.selection import Posterior
+from irt.diagnosis.sets import Posterior
 
 
 @pytest.fixture(scope="module")

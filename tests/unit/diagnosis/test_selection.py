@@ -1,6 +1,7 @@
 """The most probable set of effects is the planted one, with and without a random push."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from irt.diagnosis.hypotheses import MAP, hypotheses
 from irt.diagnosis.score import KICK, LASTING, OF_EFFECTS, PULL, PUSH, RELEASE, Scores, mean_delay, of_effects
 from irt.diagnosis.screening import Screening
 from irt.diagnosis.selection import Selection
+from irt.diagnosis.validation import Validation
 
 BIAS = {"name": "tilt_bias", "bias_x_rad": 0.0015, "bias_y_rad": -0.001}
 BUMP = {"name": "bump", "x_m": 0.02, "y_m": -0.015, "height_m": 2e-4, "width_m": 0.02}
@@ -144,6 +146,20 @@ def test_effects_are_compared_with_the_five_parameters_that_predict_best(plant):
     assert errors[0] == min(errors)
 
 
+@pytest.mark.parametrize(
+    ("gain", "agreed", "taken"),
+    [(5.0, False, True), (4.0, True, True), (4.0, False, False), (2.9, True, False)],
+)
+def test_what_held_out_recordings_agree_on_needs_less_evidence(gain, agreed, taken):
+    class Agreed(Validation):
+        def is_better(self, one, than):
+            return agreed
+
+    search = Selection(None, (), quiet, validation=Agreed())
+    one, less = (SimpleNamespace(score=score) for score in (gain, 0.0))
+    assert (search._if_better(one, less, None) is one) is taken
+
+
 @pytest.mark.slow
 def test_a_push_alone_asks_for_no_effect(plant):
     scores, posterior = select(plant(runs=5, seed=1, stamped=True, pushed=PUSHED))
@@ -227,3 +243,17 @@ def test_an_effect_shows_where_the_marble_is_expected_to_move(plant):
     assert found.values["backlash.width_x_rad"] == pytest.approx(0.14, rel=0.05)
     assert found.values["backlash.width_y_rad"] == pytest.approx(0.12, rel=0.05)
     assert found.score > resting.score + config.NEAR
+
+
+@pytest.mark.slow
+def test_a_restart_leads_from_wrong_values_to_those_planted(plant):
+    """The likelihood of a knob's steps has many maxima."""
+    name = "command_quantisation"
+    scores = Scores(plant([{"name": name, "step_rad": 0.018}], runs=5))
+    base = scores.base()
+    values = np.append(base.top.values, 0.0067)[None]
+    (wrong,) = scores.ascend((name,), values, base.noise[None], base.top.states, iterations=40)
+    assert wrong.values[f"{name}.step_rad"] < 0.01
+    found = Selection(scores, hypotheses(), quiet)._restarted(wrong)
+    assert found.values[f"{name}.step_rad"] == pytest.approx(0.018, rel=0.02)
+    assert Selection(scores, hypotheses(), quiet)._restarted(found) is None

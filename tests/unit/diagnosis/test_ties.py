@@ -7,7 +7,8 @@ import pytest
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import hypotheses
 from irt.diagnosis.score import Scores
-from irt.diagnosis.selection import Posterior, Selection
+from irt.diagnosis.selection import Selection
+from irt.diagnosis.sets import Posterior
 from irt.diagnosis.ties import exchanged, reason, ties
 from irt.diagnosis.validation import Validation
 
