@@ -31,7 +31,7 @@ SECOND, TOPS = 6, 2
 #: White push [m^2/s^3], correlated push [m/s^2] and standard deviation of the coefficient of restitution of a
 #: complete model: the differences between engines.
 LITTLE = (1e-10, 1e-4, 0.02)
-#: Smallest gain of an effect that is named [nats]: odds of 99 to 1.
+#: Smallest gain of an effect that is named even if held-out recordings do not agree [nats]: odds of 99 to 1.
 SURE = 4.6
 #: Initial standard deviation [m/s^2] and correlation time [s] of the correlated push.
 PULL, PULL_S = 3e-3, 0.2
@@ -53,6 +53,7 @@ MATTERS = 0.33
 #: Smallest probability of effects and sets that are mentioned, and most sets that are kept as plausible.
 MENTIONED, PLAUSIBLE = 0.01, 6
 #: Largest difference of log posteriors between sets that tie for any held-out errors [nats]: odds of 20 to 1.
+#: A larger one is enough for one more effect if the held-out recordings agree on it.
 TIE = 3.0
 #: Smallest deviation of a law of impacts from neutral, as a share of its range, that is distinct from the
 #: contact solver of an engine: rapier's walls without restitution are fitted as 0.05 to 0.11.
