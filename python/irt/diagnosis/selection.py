@@ -208,7 +208,8 @@ class Selection:
             less = self._stripped(found, name)
             self._best_child(less, [name], 1, found.score, place_of(name, found.values))
             found = self.scores.known[frozenset(one.effects)]
-        return self._if_better(found, one, None)
+        better = self._if_better(found, one, None)
+        return better if better is not None and self._better(one, better) is better else None
 
     def _grown_from_rival(self, one: Scored) -> Scored | None:
         """Return a better set that adds an effect to a rival of a set, if there is one.
