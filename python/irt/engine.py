@@ -286,7 +286,7 @@ def rollouts(
         effects=parameter_values(() if effects is None else effects, count),
         seeds=_seeds(seed, count),
         board=astuple(board),
-        marble=(marble.radius_m, marble.mass_kg, marble.damping_per_s),
+        marble=_dimensions(marble),
         maze=None if maze is None or maze.is_bare else maze.arrays(),
         engine=engine,
         continuous=time_step == "continuous",
@@ -336,13 +336,12 @@ def seen(places: Array, rig: HasBoardAndMarble, effects: Sequence[Mapping[str, A
     (n, 2)
         Places in the picture [board edges along x].
     """
-    board, marble = rig.board, rig.marble
-    return _labsim.seen(
-        places,
-        parameter_values(effects, 1),
-        astuple(board),
-        (marble.radius_m, marble.mass_kg, marble.damping_per_s),
-    )
+    return _labsim.seen(places, parameter_values(effects, 1), astuple(rig.board), _dimensions(rig.marble))
+
+
+def _dimensions(marble: Marble) -> tuple[float, float, float]:
+    """Return what the engine takes of a marble."""
+    return marble.radius_m, marble.mass_kg, marble.damping_per_s
 
 
 @arguments.entry

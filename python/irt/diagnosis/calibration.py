@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
+from scipy.special import chdtri, expit
 
 from irt.diagnosis import config
 from irt.engine import HasBoardAndMarble, seen
@@ -46,7 +46,7 @@ def is_within_error(name: str, values: Mapping[str, float], rig: HasBoardAndMarb
     moved = seen(places, rig, [{"name": name, **values}])
     shifts = (moved - places)[:_CORNERS]
     size = float(np.sum(shifts**2))
-    most = float(chdtri(shifts.size, 1.0 / (1.0 + np.exp(config.SURE))))
+    most = float(chdtri(shifts.size, expit(-config.SURE)))
     if not 0.0 < size <= most * noise**2:
         return False
     by_corners = _projected(places, _projective(places[:_CORNERS], moved[:_CORNERS]))

@@ -16,7 +16,7 @@ import numpy as np
 
 from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.hypotheses import simulated
+from irt.diagnosis.hypotheses import SPINNING, simulated
 from irt.diagnosis.score import PULL, PULL_S, PUSH, Scored, Scores, quiet
 from irt.diagnosis.screening import Promise, Screening, draws
 from irt.fitting.problem import in_unit_of
@@ -74,7 +74,8 @@ def from_draws(scores: Scores, one: Scored) -> Scored:
     """
     expected = as_expected(scores, one)
     values = np.tile(expected.top.values, (config.DRAWS, 1))
-    for number, name in enumerate(simulated(one.effects)[1:]):
+    names = [name for name in simulated(one.effects) if name != SPINNING]
+    for number, name in enumerate(names):
         info = in_unit_of(scores.dataset.rig, effect(name))
         if info.shrunk:
             continue

@@ -267,9 +267,9 @@ class Selection:
         worth = max(config.LEAST, config.PROMISING * max((one.gain for one in promises), default=0.0))
         promises = [one for rank, one in enumerate(promises) if one.gain > worth or rank < config.TOPS]
         begun: list[Scored] = []
-        for sized in (np.copy, quiet):
-            # With small pushes a fit is poor for longer, but sees what larger ones hide: ranked on its own.
-            early = [one for promise in promises for one in self._begun(parent, promise, sized)]
+        # With small pushes a fit is poor for longer, but sees what larger ones hide: ranked on its own.
+        for regime in zip(*(self._begun(parent, promise) for promise in promises), strict=True):
+            early = list(itertools.chain(*regime))
             begun += early
             for one in _best(early, config.SECOND):
                 begun += self._further(one, one.noise[None], config.FIRST)
@@ -307,15 +307,22 @@ class Selection:
             return min(one, other, key=lambda each: self.validation.of(each).mae)
         return max(one, other, key=lambda each: each.score)
 
-    def _begun(self, parent: Scored, promise: Promise, sized: Callable[[Array], Array]) -> list[Scored]:
+    def _begun(self, parent: Scored, promise: Promise) -> tuple[list[Scored], list[Scored]]:
         """Fit a set with one more effect for a few steps from its screened start values.
 
-        Noise sizes start at those without the effect, as changed by `sized`.
+        Noise sizes start at those without the effect, and at those of a complete model: a list of fits each.
         """
         effects = child(parent.effects, promise.name)
         self.report(" + ".join(effects))
-        values, noise = promise.starts[:2], sized(promise.noise[:2])
-        return self.scores.ascend(effects, values, noise, parent.top.states, iterations=config.BEGUN)
+        values, noise = promise.starts[:2], promise.noise[:2]
+        found = self.scores.ascend(
+            effects,
+            np.concatenate([values, values]),
+            np.concatenate([noise, quiet(noise)]),
+            parent.top.states,
+            iterations=config.BEGUN,
+        )
+        return found[: len(values)], found[len(values) :]
 
     def _further(self, one: Scored, noise: Array, iterations: int) -> list[Scored]:
         values = np.tile(one.top.values, (len(noise), 1))
