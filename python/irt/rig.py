@@ -277,8 +277,12 @@ def load_rig(folder: PathLike) -> Rig:
     """
     folder = arguments.path("rig", folder)
     if not folder.is_dir():
-        problem = "a rig is a folder, and this is a file" if folder.exists() else "no such folder"
-        raise IrtError(f"{folder}: {problem}; give a folder with recordings (*.csv)")
+        if not folder.exists():
+            raise IrtError(f"{folder}: no such folder; give a folder with recordings (*.csv)")
+        raise IrtError(
+            f"{folder}: a rig is a folder, and this is a file; give a folder with recordings (*.csv), which "
+            "`irt import` makes of a log"
+        )
     settings = folder / "rig.toml"
     table = read_toml(settings) if settings.exists() else TomlTable(f"{settings}", {})
     table.only("section", ("board", "marble", "recordings", "commands", "tilt", "parameters", "maze"))

@@ -48,6 +48,11 @@ def check_header(where: str, header: list[str], required: Sequence[str]) -> None
         raise IrtError(
             f"{where}: there are commands in both {', '.join(KNOBS)} and {', '.join(CMD)}; keep one pair"
         )
+    if set(MARBLE) <= set(required) and not set(_NAMES) & set(header):
+        raise IrtError(
+            f"{where}: no column of a recording among {', '.join(header)}; `irt import` converts logs with "
+            "other columns"
+        )
     for name in required:
         if name not in header:
             near = difflib.get_close_matches(name, [one for one in header if one not in _NAMES], n=1)

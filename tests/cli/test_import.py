@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pickle
 import re
+import shlex
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -105,6 +107,43 @@ def test_formats_are_known_by_their_content(tmp_path: Path, truth: Truth, irt: C
     assert "columns of no known lab (a, b)" in irt("import", upper).err
     mixed = irt("import", bag, folder)
     assert "sources of several kinds (cyberrunner, tag)" in mixed.err
+
+
+def test_columns_of_no_known_lab_are_mapped_as_suggested(
+    tmp_path: Path, truth: Truth, irt: Callable[..., Any]
+) -> None:
+    known = columns(truth)
+    log = write_csv(
+        tmp_path / "a log.csv",
+        {
+            "Time [ms]": known["stamp_ms"],
+            "Status": ["rolls"] * len(known["xb"]),
+            "Ball X (mm)": 1e3 * known["xb"] + 138.0,
+            "Ball Y (mm)": 1e3 * known["yb"] + 115.5,
+            "Roll": np.rad2deg(known["alpha"]),
+            "Pitch": np.rad2deg(known["beta"]),
+            "Servo 1": known["u1"],
+            "Servo 2": known["u2"],
+        },
+    )
+    for asked in (irt("import", log), irt("import", log, "--from", "csv")):
+        assert asked.status == 1
+        (suggested,) = re.findall(
+            r"by their names and units this may be right: irt (.*) --dry-run", asked.err
+        )
+        done = irt(*shlex.split(suggested), "--out", tmp_path / "rig")
+        assert done.status == 0, done.err
+        for axis in "xy":
+            assert f"our tilt_{axis}, sign kept; surely" in done.out
+            assert f"our cmd_{axis}; surely" in done.out
+        shutil.rmtree(tmp_path / "rig")
+    refused = irt("check", log)
+    assert "this is a file; give a folder with recordings (*.csv), which `irt import` makes" in refused.err
+    (tmp_path / "rig").mkdir()
+    log.rename(tmp_path / "rig" / "log.csv")
+    refused = irt("check", tmp_path / "rig")
+    assert "no column of a recording among Time [ms], Status, Ball X (mm)" in refused.err
+    assert "`irt import` converts logs with other columns" in refused.err
 
 
 def test_a_cyberrunner_without_ros(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None:

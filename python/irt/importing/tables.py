@@ -24,6 +24,8 @@ WITHOUT_ROS = frozenset({"t", "episode", "step", "xb", "yb", "alpha", "beta", "a
 _PICKLES = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
 #: Cells of a lost value.
 _EMPTY = {"", "nan"}
+#: Characters that no name in an expression may have, and a digit at its beginning.
+_NO_NAME = re.compile(r"\W+|^(?=\d)")
 #: Separators of cells, and a number with a decimal comma, as spreadsheets of many countries write it beside
 #: the other two.
 _SEPARATORS = ",;\t"
@@ -66,6 +68,8 @@ def refuse_packed(path: Path) -> None:
 def read_columns(path: Path) -> Columns:
     """Return the columns of a CSV file; empty and non-numeric cells are NaN.
 
+    What may not be in a name of `--map` becomes an underscore: "Ball X (mm)" is ``Ball_X_mm``.
+
     Cells are separated by commas, or by semicolons or tabs, beside which all numbers may have decimal commas.
     Dates with a time, and times of the day, by ISO 8601, are seconds since 1970 (UTC unless they name another
     zone), or since midnight. A column without any of these (such as a status text) is left out.
@@ -81,7 +85,7 @@ def read_columns(path: Path) -> Columns:
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     rows: list[list[str]] = []
     try:
-        header = [cell.strip() for cell in next(reader, [])]
+        header = [_NO_NAME.sub("_", cell.strip()).rstrip("_") for cell in next(reader, [])]
         for cells in reader:
             if not any(cells):
                 continue
