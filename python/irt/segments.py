@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 
 #: Length of the windows of a fit to recordings in motion [s].
 SEGMENT_S = 2.5
+#: Start of a recording in motion that is not fitted [s], and its largest share of the recording: unknown
+#: commands from before still act there. Delays and lags of labyrinth actuators are 0.05 to 0.15 s.
+SETTLING_S, SETTLING = 0.5, 0.1
 #: Rows from which the start state of a window is estimated.
 LEAD_ROWS = 4
 #: Most rows of the polynomial for the initial guess of a start state.
@@ -88,7 +91,7 @@ def segments(rig: Rig, seconds: float | None = None, *, whole: bool = False) -> 
         ``time_scale``. By default recordings in motion are cut into windows of 2.5 s, and recordings from
         rest are not cut.
     whole : bool
-        Do not cut recordings in motion.
+        Do not cut recordings in motion. Their first rows are left out in either case.
 
     Returns
     -------
@@ -108,11 +111,12 @@ def segments(rig: Rig, seconds: float | None = None, *, whole: bool = False) -> 
     middle = sum(rig.ranges["time_scale"]) / 2.0
     found: list[Segment] = []
     for recording in rig.recordings:
-        rows = len(recording.knobs)
         step = row_seconds(recording, middle)
+        begin = settling_rows(recording, step) if rig.start == "moving" else 0
+        rows = len(recording.knobs) - begin
         if seconds is not None or (rig.start == "moving" and not whole):
             rows = rows_of(seconds or SEGMENT_S, step)
-        for first in range(0, len(recording.knobs), rows):
+        for first in range(begin, len(recording.knobs), rows):
             stretch = slice(first, first + rows)
             if first == 0 and rig.start == "rest" and recording.has_marble:
                 found.append(segment_of(recording, stretch, np.append(recording.marble[0], [0.0, 0.0])))
@@ -121,6 +125,11 @@ def segments(rig: Rig, seconds: float | None = None, *, whole: bool = False) -> 
             elif recording.tilt is not None and np.isfinite(recording.tilt[stretch]).any():
                 found.append(segment_of(recording, stretch, np.zeros(4)))
     return found
+
+
+def settling_rows(recording: Recording, step_s: float) -> int:
+    """Return the number of first rows in which unknown commands from before a recording in motion act."""
+    return min(rows_of(SETTLING_S, step_s), int(SETTLING * len(recording.knobs)))
 
 
 def inputs_of(batch: Sequence[Segment], *, whole: bool) -> Inputs:

@@ -30,6 +30,7 @@ LAYERS = (
     "checking",
     "fitting",
     "residual",
+    "tilt_errors",
     "sessions",
     "measured_tilt",
     "segments",

@@ -60,7 +60,7 @@ class TestSegments:
     def test_in_motion_they_are_windows(self, wave, uneven) -> None:
         run = record(wave, MOVING, uneven)
         found = segments(rig_of(run, start="moving"), seconds=1.0)
-        assert [part.first_row for part in found] == [0, 10, 20, 30]
+        assert [part.first_row for part in found] == [4, 14, 24, 34]
         for part in found:
             rows = slice(part.first_row, part.first_row + 10)
             np.testing.assert_array_equal(part.observed, run.marble[rows])
@@ -68,31 +68,41 @@ class TestSegments:
 
     def test_windows_last_two_and_a_half_seconds_by_default(self, wave, uneven) -> None:
         found = segments(rig_of(record(wave, MOVING, uneven), start="moving"))
-        assert [len(part.knobs) for part in found] == [25, 15]
+        assert [len(part.knobs) for part in found] == [25, 11]
 
     def test_without_stamps_the_range_gives_the_time(self, wave) -> None:
         # The middle of the paper's range, 25 updates of 1/240 s, makes 1 s of 10 rows.
         found = segments(rig_of(record(wave, MOVING), start="moving"), seconds=1.04)
-        assert [part.first_row for part in found] == [0, 10, 20, 30]
+        assert [part.first_row for part in found] == [4, 14, 24, 34]
 
     def test_start_states_are_near_the_truth(self, wave, uneven) -> None:
         run = record(wave, MOVING, uneven)
         found = segments(rig_of(run, start="moving"), seconds=1.0)
-        np.testing.assert_allclose(found[0].start, MOVING[:2], atol=0.003)
-        np.testing.assert_allclose(found[0].start_velocity, MOVING[2:], atol=0.03)
+        velocity = (run.marble[5] - run.marble[3]) / (uneven[5] - uneven[3])
+        np.testing.assert_allclose(found[0].start, run.marble[4], atol=0.003)
+        np.testing.assert_allclose(found[0].start_velocity, velocity, atol=0.03)
         for part in found:
             np.testing.assert_allclose(part.start, part.observed[0], atol=0.003)
 
     def test_a_window_may_begin_where_the_marble_is_lost(self, wave, uneven) -> None:
         run = record(wave, MOVING, uneven)
-        gappy = record(wave, MOVING, uneven, lost=[10, 11])
+        gappy = record(wave, MOVING, uneven, lost=[14, 15])
         start = segments(rig_of(gappy, start="moving"), seconds=1.0)[1].start
-        np.testing.assert_allclose(start, run.marble[10], atol=0.01)
+        np.testing.assert_allclose(start, run.marble[14], atol=0.01)
 
     def test_windows_that_say_nothing_are_left_out(self, wave, uneven) -> None:
-        lost = [*range(12, 19), *range(33, 40)]
+        lost = [*range(16, 23), *range(36, 40)]
         found = segments(rig_of(record(wave, MOVING, uneven, lost=lost), start="moving"), seconds=1.0)
-        assert [part.first_row for part in found] == [0, 20]
+        assert [part.first_row for part in found] == [4, 24]
+
+    def test_rows_under_unknown_commands_are_left_out(self, wave) -> None:
+        # Half a second, but no more than a tenth of the recording.
+        for step_s, left_out in ((0.02, 4), (0.2, 2), (1.0, 1)):
+            run = record(wave, MOVING, step_s * np.arange(40))
+            (found,) = segments(rig_of(run, start="moving"), whole=True)
+            assert (found.first_row, len(found.knobs)) == (left_out, 40 - left_out)
+            (found,) = segments(rig_of(run), whole=True)
+            assert (found.first_row, len(found.knobs)) == (0, 40)
 
     def test_a_rig_at_rest_can_be_cut_too(self, wave) -> None:
         found = segments(rig_of(record(wave)), seconds=1.0)

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from irt import arguments
 from irt.checking.run import required
-from irt.diagnosis import config
+from irt.diagnosis import config, held_out_tilt
 from irt.diagnosis.answer import Answer
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.hypotheses import JITTER, MAP, hypotheses
@@ -62,7 +62,9 @@ def diagnose(
         found = _diagnosed(Dataset.of(rig.of_marbles(), seed=seed, threads=threads), _reporter(progress))
     if progress is not None:
         progress(_STEPS, _STEPS, "done")
-    return replace(found, warnings=warnings, seconds=time.perf_counter() - began)
+    checked = held_out_tilt.sentence(found, rig)
+    notes = found.notes if checked is None else (*found.notes, checked)
+    return replace(found, notes=notes, warnings=warnings, seconds=time.perf_counter() - began)
 
 
 def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:

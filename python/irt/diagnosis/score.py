@@ -401,6 +401,21 @@ def quiet(noise: Array) -> Array:
     return sizes
 
 
+def start_unknown(
+    dataset: Dataset, noise: Array, states: list[Array]
+) -> tuple[Array, list[Array] | None]:
+    """Return (k, 11) noise sizes and start states with which a filter finds the start states along the way.
+
+    The start state of a recording in motion was fitted to the recording, with other values or effects. With
+    small pushes, an error of it lasts to the end. Recordings from rest keep their states.
+    """
+    if dataset.rig.start == "rest":
+        return noise, states
+    sizes = noise.copy()
+    sizes[:, START_VELOCITY] = config.START_VELOCITY
+    return sizes, None
+
+
 def of_effects(noise: Array, effects: Sequence[str]) -> Array:
     """Return (k, 11) noise sizes of which those that belong to effects are zero without such an effect.
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from irt.catalogue import EffectInfo, effect
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import JITTER, SHIFT_S, SMOOTHED, SMOOTHED_S
-from irt.diagnosis.score import KICK, Scored, Scores
+from irt.diagnosis.score import KICK, Scored, Scores, start_unknown
 from irt.engine import SUBSTEP_S
 from irt.fitting.effect_size import size_of, sizes_of
-from irt.fitting.problem import in_unit_of
+from irt.fitting.problem import Problem, in_unit_of
 from irt.fitting.solution import Filtered
 
 Array = NDArray[np.float64]
@@ -79,9 +79,7 @@ class Screening:
         moved = np.tile(here, (1 + len(free), 1))
         for row, index in enumerate(free, start=1):
             moved[row, index] += STEP * span[index]
-        found = problem.filter(
-            moved, np.tile(parent.noise, (len(moved), 1)), [parent.top.states] * len(moved)
-        )
+        found = self._predicted(problem, moved, np.tile(parent.noise, (len(moved), 1)))
         seen = np.concatenate([one.observed.ravel() for one in self._dataset.runs])
         predicted = [np.concatenate([one.ravel() for one in each.predicted]) for each in found]
         variance = np.concatenate([one.ravel() for one in found[0].variance])
@@ -135,7 +133,7 @@ class Screening:
         mean, spread = np.array(tried).T
         values[:, smoothing] = np.minimum(spread, mean)
         values[:, shift], noise[:, KICK] = mean - values[:, smoothing], spread
-        found = problem.filter(values, noise, [self._parent.top.states] * len(values))
+        found = self._predicted(problem, values, noise)
         gains = np.array([float(one.log_likelihood.sum()) - self._likelihood for one in found])
         gains = np.where(np.isfinite(gains), gains, -np.inf)
         best = np.argsort(-gains)[: config.STARTS]
@@ -186,8 +184,12 @@ class Screening:
         count = len(drawn)
         values = np.tile([self._parent.values.get(one, 0.0) for one in problem.names], (count, 1))
         values[:, own:] = drawn
-        noise, states = np.tile(self._parent.noise, (count, 1)), [self._parent.top.states] * count
-        return own, values, problem.filter(values, noise, states)
+        noise = np.tile(self._parent.noise, (count, 1))
+        return own, values, self._predicted(problem, values, noise)
+
+    def _predicted(self, problem: Problem, values: Array, noise: Array) -> list[Filtered]:
+        begun = start_unknown(self._dataset, noise, [self._parent.top.states] * len(values))
+        return problem.filter(values, *begun)
 
     def _change(self, one: Filtered) -> Array:
         """Return the difference of predictions from the set's, beyond changes of its own parameters."""

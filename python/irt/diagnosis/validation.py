@@ -15,7 +15,7 @@ from scipy.special import stdtrit
 from irt.diagnosis import config
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.hypotheses import MAP, simulated
-from irt.diagnosis.score import Scored, Scores
+from irt.diagnosis.score import Scored, Scores, start_unknown
 from irt.model import Model
 from irt.recording import Recording
 from irt.residual import RunEvaluation, evaluate
@@ -105,7 +105,8 @@ class HeldOut:
         one = self.whole
         tops = [each.top for each in fits]
         values, noise = (np.array([getattr(top, what) for top in tops]) for what in ("values", "noise"))
-        found = Scores.of(one).problem(one.effects).filter(values, noise, [top.states for top in tops])
+        begun = start_unknown(one.dataset, noise, [top.states for top in tops])
+        found = Scores.of(one).problem(one.effects).filter(values, *begun)
         if len(found) == 1:
             found *= len(self.fits)
         folds = np.unique(one.dataset.folds)

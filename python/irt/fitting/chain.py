@@ -27,13 +27,10 @@ from irt.model import TILT_SENSOR, Effect, Parameter
 from irt.posterior import Component, Spread, rounded
 from irt.recording import Recording
 from irt.rig import PARAMETERS, Rig
-from irt.segments import segments
+from irt.segments import SETTLING_S, segments
 
 Array = NDArray[np.float64]
 
-#: Time after the start of a run in motion during which the tilt is not fitted [s], because earlier commands
-#: are unknown: several delays and lags of labyrinth actuators (0.05 to 0.15 s).
-_SETTLING_S = 0.5
 #: The effect of a board that is not level. The tilt alone cannot distinguish it from the sensor's zero.
 _LEVEL = "tilt_bias"
 #: Initial values of an added effect of the actuator, with all others at their fitted values: shares of its
@@ -292,7 +289,7 @@ def _tilt_alone(recording: Recording, *, moving: bool) -> Recording:
     assert recording.tilt is not None, recording.name
     tilt = recording.tilt.copy()
     if moving and recording.stamps is not None:
-        settled = recording.stamps - recording.stamps[0] >= _SETTLING_S
+        settled = recording.stamps - recording.stamps[0] >= SETTLING_S
         if np.isfinite(tilt[settled]).any():
             tilt[~settled] = np.nan
     return replace(recording, marble=np.full_like(recording.marble, np.nan), tilt=tilt)

@@ -1,6 +1,7 @@
 """Datasets with planted effects."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -52,3 +53,17 @@ def plant() -> Plant:
         return Dataset.of(rig, **dataset)
 
     return planted
+
+
+@pytest.fixture(scope="session")
+def in_motion() -> Callable[[Dataset, int], Dataset]:
+    """Return a function that cuts off the first rows of a dataset, so that its recordings begin in motion."""
+
+    def cut(planted: Dataset, gone: int) -> Dataset:
+        recordings = tuple(
+            replace(one, knobs=one.knobs[gone:], marble=one.marble[gone:], stamps=one.stamps[gone:])
+            for one in planted.rig.recordings
+        )
+        return Dataset.of(replace(planted.rig, start="moving", recordings=recordings))
+
+    return cut

@@ -1,5 +1,7 @@
 """The screened gain of effects before they are fitted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -63,6 +65,20 @@ def test_an_effect_with_a_place_is_also_tried_at_the_one_given(plant):
     assert gains[(0.05, -0.03)] > gains[None] + 5.0
     # More draws never promise less.
     assert gains[(-0.1, 0.1)] >= gains[None]
+
+
+def test_start_states_of_recordings_in_motion_are_no_evidence(plant, in_motion):
+    """They were fitted without the effect, and may hold a part of what it does."""
+    late = {"name": "lag", "time_constant_s": 0.15}
+    scores = Scores(in_motion(plant([late], runs=4, rows=120, stamped=True), 20))
+    base = scores.base()
+    elsewhere = replace(
+        base, top=replace(base.top, states=base.top.states + np.array([0.0, 0.0, 0.05, -0.05]))
+    )
+    promised, again = (Screening(scores, one).promises(["lag", "parallax"]) for one in (base, elsewhere))
+    assert [one.gain for one in promised] == [one.gain for one in again]
+    assert promised[0].name == "lag"
+    assert promised[0].gain > 10.0
 
 
 def test_only_effects_with_a_place_have_one():

@@ -1,6 +1,5 @@
 """The most probable set of effects is the planted one, with and without a random push."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,12 +7,12 @@ import pytest
 
 from irt.catalogue import effect, effects
 from irt.diagnosis import config
-from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.hypotheses import MAP, hypotheses
 from irt.diagnosis.score import KICK, LASTING, OF_EFFECTS, PULL, PUSH, RELEASE, Scores, mean_delay, of_effects
 from irt.diagnosis.screening import Screening
 from irt.diagnosis.selection import Selection
 from irt.diagnosis.validation import Validation
+from irt.engine import SUBSTEP_S
 
 BIAS = {"name": "tilt_bias", "bias_x_rad": 0.0015, "bias_y_rad": -0.001}
 BUMP = {"name": "bump", "x_m": 0.02, "y_m": -0.015, "height_m": 2e-4, "width_m": 0.02}
@@ -210,15 +209,12 @@ def test_an_effect_more_costs_its_choice(plant):
 
 
 @pytest.mark.slow
-def test_a_filter_goes_through_whole_recordings_of_a_marble_in_motion(plant):
+def test_a_filter_goes_through_whole_recordings_of_a_marble_in_motion(plant, in_motion):
     rows, gone = 200, 40
-    planted = plant([DRAG], runs=4, rows=rows, stamped=True, pushed=PUSHED)
-    cut = tuple(
-        replace(one, knobs=one.knobs[gone:], marble=one.marble[gone:], stamps=one.stamps[gone:])
-        for one in planted.rig.recordings
-    )
-    dataset = Dataset.of(replace(planted.rig, start="moving", recordings=cut))
-    assert [len(one.knobs) for one in dataset.runs] == [rows - gone] * 4
+    dataset = in_motion(plant([DRAG], runs=4, rows=rows, stamped=True, pushed=PUSHED), gone)
+    # The board still follows unknown commands in the first half second.
+    known = rows - gone - round(0.5 / dataset.time_scale / SUBSTEP_S)
+    assert [len(one.knobs) for one in dataset.runs] == [known] * 4
     assert len(dataset.segments) > len(dataset.runs)
     assert list(dataset.only([1, 3]).run_folds) == [1, 3]
     scores = Scores(dataset)

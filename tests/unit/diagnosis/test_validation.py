@@ -85,6 +85,15 @@ def test_recordings_held_out_are_predicted_as_well_as_noise_allows(plant):
     assert base.mae > 2.0 * held.mae
 
 
+@pytest.mark.slow
+def test_a_recording_in_motion_is_about_as_likely_held_out_as_fitted(plant, in_motion):
+    """The start state of a recording is no part of the fit to others, and need not be known for the rest."""
+    held = Validation().of(fitted(in_motion(plant([DRAG], runs=4, rows=120, stamped=True), 20)))
+    # Each fitted value makes it likelier by half a nat on average; there are seven.
+    assert (held.fitted - held.likelihoods < 12.0).all()
+    assert (held.fitted - held.likelihoods).sum() > 0.0
+
+
 def test_of_one_recording_nothing_is_held_out(plant):
     held = Validation().of(fitted(plant([DRAG], runs=1, stamped=True)))
     assert not held.is_proof

@@ -12,10 +12,10 @@ import pytest
 
 from irt.errors import IrtError
 from irt.model import Effect, Model
-from irt.proof.real.errors import comparable, errors, predicted
 from irt.proof.real.seal import Folders, close, measured, seal, verify
 from irt.recording import save_recording
 from irt.rig import load_rig
+from irt.tilt_errors import comparable, errors, predicted
 from tilted_rigs import RANGES, ROW_S, TILT_NOISE_RAD, VALUES, ZERO, rig_of, tilted_recordings
 
 TOML = '[recordings]\nstart = "moving"\n[parameters]\n' + "".join(

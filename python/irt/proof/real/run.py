@@ -16,12 +16,12 @@ from irt.fitting.least_squares import least_squares
 from irt.fitting.unfinished import Unfinished
 from irt.model import Effect, Model, load_model, save_model
 from irt.proof.provenance import this_code
-from irt.proof.real.errors import AxisErrors, Predicted, errors, predicted
 from irt.proof.real.response import Comparison, Response, compared, response, widened
 from irt.proof.real.seal import Folders, close, measured, seal
 from irt.report.diagnosed import write_diagnosis
 from irt.report.tuning_report import untuned
 from irt.rig import MOST_ROWS, Rig, load_rig
+from irt.tilt_errors import AxisErrors, Predicted, errors, predicted
 
 Progress = Callable[[int, int, str], None]
 

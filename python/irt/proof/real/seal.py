@@ -17,10 +17,11 @@ import numpy as np
 from irt.errors import IrtError
 from irt.files import make_folder, read_json, write_atomic
 from irt.measured_tilt import has_both_tilts
-from irt.proof.real.errors import SETTLING_S, comparable
 from irt.proof.seal import canonical, digest, digests
 from irt.recording import Recording
 from irt.rig import Rig, load_rig
+from irt.segments import SETTLING_S
+from irt.tilt_errors import comparable
 
 #: The file of a rig that is copied as it is; a section ``[tilt]`` says only what the sensor reads.
 _RIG = "rig.toml"

@@ -11,14 +11,10 @@ from numpy.typing import NDArray
 from irt.cleaning import tilt_jumps
 from irt.model import Model
 from irt.recording import Recording
-from irt.segments import inputs_of, segment_of
+from irt.segments import SETTLING_S, inputs_of, segment_of
 from irt.start_state import simulate_tilt
 
 Array = NDArray[np.float64]
-
-#: Rows at the start of a recording that are not compared [s]: commands before the recording, which are
-#: unknown, still act there. Delays and lags of labyrinth actuators are 0.05 to 0.15 s.
-SETTLING_S = 0.5
 
 
 @dataclass(frozen=True)

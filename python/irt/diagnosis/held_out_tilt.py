@@ -1,0 +1,49 @@
+"""The measured tilt, which no fit of a diagnosis sees, as a check of its answer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from irt.diagnosis.result import Diagnosis
+from irt.model import Model
+from irt.rig import Rig
+from irt.tilt_errors import comparable, errors, predicted
+
+
+def sentence(found: Diagnosis, rig: Rig) -> str | None:
+    """Return how well the answer and the five parameters predict the measured tilt; None without one.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis, which knows nothing of the tilt.
+    rig : Rig
+        The rig with its measured tilt.
+    """
+    runs = [
+        one
+        for one in rig.recordings
+        if one.tilt is not None and one.stamps is not None and np.isfinite(comparable(one)).any(axis=0).all()
+    ]
+    if not runs:
+        return None
+
+    def off(model: Model) -> np.ndarray:
+        return 1000.0 * np.array([axis.zero for axis in errors([predicted(model, run) for run in runs])])
+
+    after, before = off(found.model), off(found.base)
+    text = (
+        "The measured tilt took no part in the diagnosis. From the commands, the answer predicts it to "
+        f"{_pair(after)} (root mean square, apart from the sensor's zero)"
+    )
+    if not found.effects:
+        return f"{text}."
+    text += f"; the five parameters to {_pair(before)}."
+    if (after**2).sum() > (before**2).sum():
+        text += " So it contradicts what the answer says of the actuators."
+    return text
+
+
+def _pair(values: np.ndarray) -> str:
+    """Return errors about x and y [mrad] in words."""
+    return f"{values[0]:.2g} mrad about x and {values[1]:.2g} mrad about y"
