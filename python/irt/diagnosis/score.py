@@ -401,9 +401,7 @@ def quiet(noise: Array) -> Array:
     return sizes
 
 
-def start_unknown(
-    dataset: Dataset, noise: Array, states: list[Array]
-) -> tuple[Array, list[Array] | None]:
+def start_unknown(dataset: Dataset, noise: Array, states: list[Array]) -> tuple[Array, list[Array] | None]:
     """Return (k, 11) noise sizes and start states with which a filter finds the start states along the way.
 
     The start state of a recording in motion was fitted to the recording, with other values or effects. With
