@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from irt.diagnosis import config
 from irt.diagnosis.result import Diagnosis
 from irt.model import Model
 from irt.rig import Rig
@@ -38,10 +39,27 @@ def sentence(found: Diagnosis, rig: Rig) -> str | None:
     )
     if not found.effects:
         return f"{text}."
-    text += f"; the five parameters to {_pair(before)}."
+    text += f"; the five parameters to {_pair(before)}"
+    for other in found.indistinguishable:
+        if _names(other) != _names(found.model):
+            text += f"; with {_difference(other, found.model)} to {_pair(off(other))}"
     if (after**2).sum() > (before**2).sum():
-        text += " So it contradicts what the answer says of the actuators."
-    return text
+        return f"{text}. So it contradicts what the answer says of the actuators."
+    noise = rig.tilt.noise_rad
+    if noise is not None and (after > 1000.0 * (1.0 + config.EXCEEDS) * noise).any():
+        return f"{text}. The sensor's noise is {1000.0 * noise:.2g} mrad: the actuators do more than that."
+    return f"{text}."
+
+
+def _difference(model: Model, answer: Model) -> str:
+    """Return which effects a model has in place of those of the answer."""
+    own, others = _names(model), _names(answer)
+    more, less = " and ".join(sorted(own - others)), " and ".join(sorted(others - own))
+    return f"{more} in place of {less}" if more and less else more or f"no {less}"
+
+
+def _names(model: Model) -> set[str]:
+    return {one.name for one in model.effects}
 
 
 def _pair(values: np.ndarray) -> str:

@@ -186,8 +186,8 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path, rest: Rest = "") -> st
     tied = [one for one in effects if one.confusable_with]
     if any({one.name, *one.confusable_with} == {"delay", "latency"} for one in tied):
         return (
-            "No commands separate delay and latency: add a lamp to the picture that is switched with a "
-            "command, or a sensor of the board's tilt."
+            "No commands separate delay and latency. A measured tilt of the board does (it follows a delay, "
+            "not a latency; see the notes), or a lamp in the picture that is switched with a command."
         )
     if tied:
         pairs = " and ".join(f"{one.name} from {' or '.join(one.confusable_with)}" for one in tied)
