@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 
 #: The one entry of ``[board]`` that a diagnosis estimates along with the parameters.
 SPINNING = "board.spinning_friction"
-#: Proposals of one batch, and batches until a draw within the bounds is given up.
-_BATCH, _BATCHES = 64, 256
+#: Independent proposals of one batch, and batches before a random walk; sweeps of that over all z.
+_BATCH, _BATCHES, _SWEEPS = 64, 64, 16
 #: By how much the probabilities of a file may miss 1 together.
 _ROUNDED = 1e-3
 
@@ -123,20 +123,47 @@ class Component:
         IrtError
             If next to no draw lies within the bounds.
         """
-        value, bounds, linear, power = self._stacked
         for _ in range(_BATCHES):
-            z = random.standard_normal((_BATCH, linear.shape[1]))
-            # A draw that overflows lies within no bounds.
-            with np.errstate(over="ignore", invalid="ignore"):
-                found = (value + z @ linear.T) * np.exp(z @ power.T)
-            inside = np.flatnonzero(((bounds[:, 0] <= found) & (found <= bounds[:, 1])).all(axis=1))
-            if len(inside):
-                return dict(zip(self.parameters, found[inside[0]].tolist(), strict=True))
-        named = " + ".join(self.effects) or "the five parameters"
-        raise IrtError(
-            f"posterior of {named}: none of {_BATCH * _BATCHES} draws lies within the bounds of all "
-            "parameters; fit again"
-        )
+            found, inside = self._at(random.standard_normal((_BATCH, self.size)))
+            if inside.any():
+                return dict(zip(self.parameters, found[int(np.argmax(inside))].tolist(), strict=True))
+        return dict(zip(self.parameters, self.walked(random).tolist(), strict=True))
+
+    def _at(self, z: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the values of all parameters at (n, k) z, and whether they lie within all bounds."""
+        value, bounds, linear, power = self._stacked
+        # A draw that overflows lies within no bounds.
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = (value + z @ linear.T) * np.exp(z @ power.T)
+        inside = (bounds[:, 0] <= found) & (found <= bounds[:, 1])
+        return found, np.asarray(inside.all(axis=1))
+
+    def walked(self, random: np.random.Generator) -> Array:
+        """Return values within the bounds by a random walk from z = 0, which lies within them.
+
+        Where many parameters are near a bound, hardly any independent draw is within all of them. Each step
+        replaces z along one direction by a new standard normal number, and stays if that leads out: a
+        Metropolis step, whose distribution is the normal one within the bounds. Directions are the axes, on
+        which bounds hold a few parameters, and random ones, along which they move together.
+        """
+        count = self.size
+        z, moved = np.zeros(count), False
+        for step in range(2 * _SWEEPS * count):
+            along = np.zeros(count)
+            if step % 2:
+                along[(step // 2) % count] = 1.0
+            else:
+                along = random.standard_normal(count)
+                along /= np.linalg.norm(along)
+            there = z + (random.standard_normal() - along @ z) * along
+            if self._at(there[None])[1][0]:
+                z, moved = there, True
+        if not moved:
+            named = " + ".join(self.effects) or "the five parameters"
+            raise IrtError(
+                f"posterior of {named}: no draw lies within the bounds of all parameters; fit again"
+            )
+        return np.asarray(self._at(z[None])[0][0])
 
 
 def draws(

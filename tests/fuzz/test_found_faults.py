@@ -284,7 +284,7 @@ def test_draws_of_a_posterior_that_overflow_warned(tmp_path) -> None:
     path = tmp_path / "model.toml"
     text = (CORPUS / "model.toml").read_text().replace("linear = [0.001, 0.0]", "linear = [1e308, 1e308]")
     path.write_text(text)
-    with pytest.raises(IrtError, match="draws lies within the bounds"):
+    with pytest.raises(IrtError, match="no draw lies within the bounds"):
         load_model(path).sample(20)
 
 

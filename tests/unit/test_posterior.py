@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -121,8 +122,55 @@ def test_bounds_that_no_draw_meets_are_one_line() -> None:
             "gear_y": Spread(0.05, 0.0, 0.05, (1.0,), (0.0,)),
         },
     )
-    with pytest.raises(IrtError, match="none of 16384 draws lies within the bounds"):
+    with pytest.raises(IrtError, match="no draw lies within the bounds of all parameters; fit again"):
         model(apart).sample(1)
+
+
+def near_bounds(bounds: tuple[float, float], names: Sequence[str]) -> Component:
+    """Return independent parameters whose values are on one of their bounds."""
+    axes = np.eye(len(names)).tolist()
+    effects = tuple(dict.fromkeys(name.split(".")[0] for name in names if "." in name))
+    low, high = bounds
+    spreads = {
+        name: Spread(1.0, low, high, tuple(axis), (0.0,) * len(axis))
+        for name, axis in zip(names, axes, strict=True)
+    }
+    return Component(1.0, effects, spreads)
+
+
+@pytest.mark.parametrize(("bounds", "sign"), [((1.0, np.inf), 1.0), ((-np.inf, 1.0), -1.0)])
+def test_many_parameters_near_their_bounds_are_drawn_from_the_normal_within_them(bounds, sign) -> None:
+    """On a real rig one draw in ten thousand lay within all bounds, and `Model.sample` gave up."""
+    names = [*PARAMETERS, "lag.time_constant_s", "backlash.width_x_rad", "backlash.width_y_rad"]
+    names += [f"friction_patch.{one}" for one in ("x_m", "y_m", "radius_m", "factor")]
+    names += [f"bump.{one}" for one in ("x_m", "y_m", "height_m", "width_m")]
+    kept = near_bounds(bounds, names)
+    random = [np.random.default_rng([1, index]) for index in range(150)]
+    drawn = np.array([list(kept.draw(one).values()) for one in random])
+    away = sign * (drawn - 1.0)
+    assert (away >= 0.0).all()
+    # A half-normal distribution, in each of 16 parameters.
+    error = np.sqrt((1.0 - 2.0 / np.pi) / away.size)
+    assert away.mean() == pytest.approx(np.sqrt(2.0 / np.pi), abs=5.0 * error)
+    assert away.std() == pytest.approx(np.sqrt(1.0 - 2.0 / np.pi), rel=0.06)
+    assert np.abs(np.corrcoef(away.T) - np.eye(len(names))).max() < 5.0 / np.sqrt(len(away))
+    again = [list(kept.draw(np.random.default_rng([1, index])).values()) for index in range(3)]
+    np.testing.assert_array_equal(drawn[:3], again)
+
+
+def test_what_moves_together_is_drawn_together_near_bounds() -> None:
+    """A walk along axes alone would not cross a narrow wedge; independent draws do, where they can."""
+    first, second = np.linalg.cholesky([[1.0, 0.95], [0.95, 1.0]]).tolist()
+    wedge = {
+        "gear_x": Spread(0.0, 0.0, np.inf, tuple(first), (0.0, 0.0)),
+        "gear_y": Spread(0.0, -np.inf, 0.0, tuple(second), (0.0, 0.0)),
+    }
+    kept = Component(1.0, (), wedge)
+    walked = np.array([kept.walked(np.random.default_rng([2, index])) for index in range(400)])
+    drawn = np.array([list(kept.draw(np.random.default_rng([3, i])).values()) for i in range(400)])
+    error = np.sqrt(2.0) * drawn.std(axis=0) / np.sqrt(len(drawn))
+    assert (np.abs(walked.mean(axis=0) - drawn.mean(axis=0)) < 5.0 * error).all()
+    assert walked.std(axis=0) == pytest.approx(drawn.std(axis=0), rel=0.2)
 
 
 HEAD = """

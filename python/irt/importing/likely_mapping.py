@@ -69,7 +69,7 @@ def suggested_arguments(path: Path, columns: Mapping[str, Array]) -> str | None:
     words = [str(path), "--from", "csv"]
     for target, text in mapping.items():
         words += ["--map", f"{target}={text}"]
-    episode = next((name for name in columns if _EPISODE.intersection(_parts(name))), None)
+    episode = next((name for name in columns if _is(name, _EPISODE, but=_TIME)), None)
     return shlex.join(words if episode is None else [*words, "--episode", episode])
 
 
@@ -78,13 +78,9 @@ def likely_mapping(columns: Mapping[str, Array]) -> dict[str, str]:
 
     Signs and exchanged axes do not matter: the import finds them from the motion.
     """
+    columns = {name: values for name, values in columns.items() if np.isfinite(values).any()}
     found: dict[str, str] = {}
-    times = [
-        name
-        for name in columns
-        if _TIME.intersection(_parts(name)) and not _COMMAND.intersection(_parts(name))
-    ]
-    time = next(iter(times), None)
+    time = next((name for name in columns if _is(name, _TIME, but=_COMMAND)), None)
     if time is not None:
         found[STAMP] = _seconds(time, columns[time])
     for names in _pairs(columns):
@@ -104,6 +100,12 @@ def likely_mapping(columns: Mapping[str, Array]) -> dict[str, str]:
 
 def _parts(name: str) -> list[str]:
     return [one.lower() for one in _PARTS.findall(name)]
+
+
+def _is(name: str, parts: set[str], *, but: set[str]) -> bool:
+    """Whether a name has one of these parts, and none of others."""
+    own = set(_parts(name))
+    return bool(own & parts) and not own & but
 
 
 def _pairs(columns: Mapping[str, Array]) -> Iterator[tuple[str, str]]:

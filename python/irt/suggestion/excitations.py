@@ -123,9 +123,9 @@ def draw(family: str, genes: Array, limits: Limits) -> Excitation:
     commands = limits.kept(shape * used * size * limits.amplitude)
     turned = np.abs(commands).max(axis=0)
     on = ("both knobs", "the x knob alone", "the y knob alone")[axes]
-    return Excitation(
-        family, f"{words}, on {on}, by up to {turned.max():.3g} {limits.unit}", commands, start, genes
-    )
+    # The unit of commands without one is 1.
+    unit = "" if limits.unit == "1" else f" {limits.unit}"
+    return Excitation(family, f"{words}, on {on}, by up to {turned.max():.3g}{unit}", commands, start, genes)
 
 
 def as_recorded(rig: Rig, limits: Limits) -> list[Excitation]:

@@ -104,7 +104,10 @@ def test_positions_in_pixels_are_not_scaled() -> None:
 
 
 @given(
-    st.dictionaries(st.from_regex(r"\A[A-Za-z_][A-Za-z0-9_]{0,15}\Z"), st.just(np.array([0.0, np.nan, 2.0])))
+    st.dictionaries(
+        st.from_regex(r"\A[A-Za-z_][A-Za-z0-9_]{0,15}\Z"),
+        st.sampled_from([np.array([0.0, np.nan, 2.0]), np.full(3, np.nan)]),
+    )
 )
 def test_any_names_are_mapped_or_left(columns: dict[str, Array]) -> None:
     for text in likely_mapping(columns).values():
