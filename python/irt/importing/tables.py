@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.columns import is_number
 from irt.errors import IrtError
 from irt.files import read_text
 from irt.importing.clocks import steady_offset
@@ -85,7 +86,12 @@ def read_columns(path: Path) -> Columns:
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     rows: list[list[str]] = []
     try:
-        header = [_NO_NAME.sub("_", cell.strip()).rstrip("_") for cell in next(reader, [])]
+        names = [cell.strip() for cell in next(reader, [])]
+        if names and all(map(is_number, names)):
+            raise IrtError(
+                f"{path}, line 1: the columns have no names; add a line with them above the numbers"
+            )
+        header = [_NO_NAME.sub("_", name).rstrip("_") for name in names]
         for cells in reader:
             if not any(cells):
                 continue

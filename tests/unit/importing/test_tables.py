@@ -86,6 +86,10 @@ def test_packed_files_are_refused(tmp_path: Path, begin: bytes) -> None:
         ("a,b\n", "no rows below a header"),
         ("a,b\n1\n", "line 2: 1 cells, but the header has 2"),
         ("a,a\n1,2\n", 'duplicate column "a"'),
+        (
+            "0,1.5,-2e-3\n1,2.5,3\n",
+            "line 1: the columns have no names; add a line with them above the numbers",
+        ),
     ],
 )
 def test_broken_tables(tmp_path: Path, text: str, said: str) -> None:
