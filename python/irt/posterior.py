@@ -147,7 +147,7 @@ class Component:
         which bounds hold a few parameters, and random ones, along which they move together.
         """
         count = self.size
-        z, moved = np.zeros(count), False
+        z, here = np.zeros(count), None
         for step in range(2 * _SWEEPS * count):
             along = np.zeros(count)
             if step % 2:
@@ -156,14 +156,15 @@ class Component:
                 along = random.standard_normal(count)
                 along /= np.linalg.norm(along)
             there = z + (random.standard_normal() - along @ z) * along
-            if self._at(there[None])[1][0]:
-                z, moved = there, True
-        if not moved:
+            found, inside = self._at(there[None])
+            if inside[0]:
+                z, here = there, found[0]
+        if here is None:
             named = " + ".join(self.effects) or "the five parameters"
             raise IrtError(
                 f"posterior of {named}: no draw lies within the bounds of all parameters; fit again"
             )
-        return np.asarray(self._at(z[None])[0][0])
+        return np.asarray(here)
 
 
 def draws(

@@ -112,7 +112,7 @@ def segments(rig: Rig, seconds: float | None = None, *, whole: bool = False) -> 
     found: list[Segment] = []
     for recording in rig.recordings:
         step = row_seconds(recording, middle)
-        begin = settling_rows(recording, step) if rig.start == "moving" else 0
+        begin = _settling_rows(recording, step) if rig.start == "moving" else 0
         rows = len(recording.knobs) - begin
         if seconds is not None or (rig.start == "moving" and not whole):
             rows = rows_of(seconds or SEGMENT_S, step)
@@ -127,7 +127,7 @@ def segments(rig: Rig, seconds: float | None = None, *, whole: bool = False) -> 
     return found
 
 
-def settling_rows(recording: Recording, step_s: float) -> int:
+def _settling_rows(recording: Recording, step_s: float) -> int:
     """Return the number of first rows in which unknown commands from before a recording in motion act."""
     return min(rows_of(SETTLING_S, step_s), int(SETTLING * len(recording.knobs)))
 

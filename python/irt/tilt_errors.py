@@ -64,6 +64,13 @@ class Predicted:
         return comparable(self.recording)
 
 
+def is_comparable(recording: Recording) -> bool:
+    """Whether a recording has stamps and, in rows that are compared, a tilt about both axes."""
+    if recording.tilt is None or recording.stamps is None:
+        return False
+    return bool(np.isfinite(comparable(recording)).any(axis=0).all())
+
+
 def comparable(recording: Recording) -> Array:
     """Return the measured tilt, (n, 2) [rad], NaN in the first rows and while a marker was hidden."""
     assert recording.tilt is not None, recording.name

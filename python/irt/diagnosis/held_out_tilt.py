@@ -8,7 +8,7 @@ from irt.diagnosis import config
 from irt.diagnosis.result import Diagnosis
 from irt.model import Model
 from irt.rig import Rig
-from irt.tilt_errors import comparable, errors, predicted
+from irt.tilt_errors import errors, is_comparable, predicted
 
 
 def sentence(found: Diagnosis, rig: Rig) -> str | None:
@@ -21,11 +21,7 @@ def sentence(found: Diagnosis, rig: Rig) -> str | None:
     rig : Rig
         The rig with its measured tilt.
     """
-    runs = [
-        one
-        for one in rig.recordings
-        if one.tilt is not None and one.stamps is not None and np.isfinite(comparable(one)).any(axis=0).all()
-    ]
+    runs = [one for one in rig.recordings if is_comparable(one)]
     if not runs:
         return None
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.importing.units import STEEPEST
 from irt.recording import CMD, MARBLE, STAMP, TILT
 from irt.rig import Board
 
@@ -45,16 +46,14 @@ _OTHER = {
 #: Divisors of units of time, in seconds, and of length, in metres.
 _TIMES = {"s": 1, "ms": 1000, "us": 1_000_000, "ns": 1_000_000_000}
 _LENGTHS = {"m": 1, "cm": 100, "mm": 1000}
-_ANGLES = {"deg", "degree", "degrees", "mrad", "rad"}
-_UNITS = {*_TIMES, *_LENGTHS, *_ANGLES, "px"}
+_DEGREES = {"deg", "degree", "degrees"}
+_UNITS = {*_TIMES, *_LENGTHS, *_DEGREES, "mrad", "rad", "px"}
 #: Smallest position beyond which the origin is a corner of the board, as a share of the board's edge.
 _CORNER = -0.05
-#: Largest tilt of a labyrinth [rad].
-_STEEPEST = 0.4
 
 
-def suggested_arguments(path: Path, columns: Mapping[str, Array]) -> str | None:
-    """Return the arguments of `irt import` that map columns by their names; None if no marble is among them.
+def suggested_command(path: Path, columns: Mapping[str, Array]) -> str | None:
+    """Return the command that imports columns by their names, as a trial; None if no marble is among them.
 
     Parameters
     ----------
@@ -66,11 +65,13 @@ def suggested_arguments(path: Path, columns: Mapping[str, Array]) -> str | None:
     mapping = likely_mapping(columns)
     if not set(MARBLE) <= set(mapping):
         return None
-    words = [str(path), "--from", "csv"]
+    words = ["irt", "import", str(path), "--from", "csv"]
     for target, text in mapping.items():
         words += ["--map", f"{target}={text}"]
     episode = next((name for name in columns if _is(name, _EPISODE, but=_TIME)), None)
-    return shlex.join(words if episode is None else [*words, "--episode", episode])
+    if episode is not None:
+        words += ["--episode", episode]
+    return shlex.join([*words, "--dry-run"])
 
 
 def likely_mapping(columns: Mapping[str, Array]) -> dict[str, str]:
@@ -148,10 +149,9 @@ def _angle(name: str, values: Array) -> str:
     parts = set(_parts(name))
     if "mrad" in parts:
         return f"{name}/1000"
-    is_large = float(np.nanquantile(np.abs(values), 0.95)) > _STEEPEST
-    return (
-        f"rad({name})" if parts & {"deg", "degree", "degrees"} or (is_large and "rad" not in parts) else name
-    )
+    is_large = float(np.nanquantile(np.abs(values), 0.95)) > STEEPEST
+    is_degrees = parts & _DEGREES or (is_large and "rad" not in parts)
+    return f"rad({name})" if is_degrees else name
 
 
 def _places(names: tuple[str, str], columns: Mapping[str, Array]) -> list[str] | None:

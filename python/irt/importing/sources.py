@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from irt.errors import IrtError
 from irt.importing import lab_bags, tables
 from irt.importing.labs import ANY, CYBERRUNNER, REPLAY, TAG, WITHOUT_ROS, Lab
-from irt.importing.likely_mapping import suggested_arguments
+from irt.importing.likely_mapping import suggested_command
 from irt.importing.log import Log
 from irt.importing.mapping import COMMAND_STAMP, SEEN, TARGETS, TILT_STAMP, Expression
 from irt.importing.messages import COMMANDS, STATES, short_name
@@ -136,13 +136,15 @@ def _of_columns(path: Path, ask: str) -> Kind:
         return "cyberrunner"
     if set(MARBLE) <= set(columns):
         return "csv"
-    unknown = f"{path}: columns of no known lab ({', '.join(sorted(columns))})"
-    likely = suggested_arguments(path, columns)
-    if likely is not None:
-        raise IrtError(
-            f"{unknown}; by their names and units this may be right: irt import {likely} --dry-run"
-        )
-    raise IrtError(f"{unknown}; name them with --map, such as --map marble_x=xb/0.276, or {ask}")
+    raise IrtError(
+        f"{path}: columns of no known lab ({', '.join(sorted(columns))}); "
+        + (_suggestion(path, columns) or f"name them with --map, such as --map marble_x=xb/0.276, or {ask}")
+    )
+
+
+def _suggestion(path: Path, columns: Columns) -> str | None:
+    likely = suggested_command(path, columns)
+    return None if likely is None else f"by their names and units this may be right: {likely}"
 
 
 def _of_file(path: Path, ask: str) -> Kind:
@@ -266,13 +268,9 @@ def _full_mapping(
         # Columns with the convention's names are mapped to themselves.
         mapping = {name: Expression.parse(name) for name in TARGETS if name in states} | mapping
     if not any(target in mapping for target in (*MARBLE, *TILT)):
-        likely = suggested_arguments(path, states)
+        otherwise = f"map them, such as --map marble_x=xb/0.276 (columns: {', '.join(states)})"
         raise IrtError(
-            f"{path}: no columns of the marble's position; map them, such as --map marble_x=xb/0.276 "
-            f"(columns: {', '.join(states)})"
-            if likely is None
-            else f"{path}: no columns of the marble's position; by their names and units this may be right: "
-            f"irt import {likely} --dry-run"
+            f"{path}: no columns of the marble's position; {_suggestion(path, states) or otherwise}"
         )
     if STAMP not in mapping:
         raise IrtError(

@@ -10,7 +10,7 @@ from irt.recording import TILT
 from irt.rig import Board
 
 #: Largest tilt of a labyrinth [rad] (23 degrees), and in degrees.
-_STEEPEST, _STEEPEST_DEGREES = 0.4, 25.0
+STEEPEST, _STEEPEST_DEGREES = 0.4, 25.0
 #: Tolerance, as a factor, of a gain that is 57.3 times too small, which indicates degrees.
 _DEGREES, _CONVINCING = 180.0 / np.pi, 2.0
 #: Distance outside the board [board edges], and share of positions there, that noise does not explain.
@@ -23,7 +23,7 @@ def check_tilt_size(log: Log) -> None:
         return
     centre = [np.median(one[np.isfinite(one)]) if np.isfinite(one).any() else np.nan for one in log.tilt.T]
     reach = float(np.nanquantile(np.abs(log.tilt - centre), 0.95))
-    if reach <= _STEEPEST:
+    if reach <= STEEPEST:
         return
     why = f"the tilt reaches {reach:.3g}, which would be {np.rad2deg(reach):.0f} degrees"
     if reach <= _STEEPEST_DEGREES:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from irt.importing.likely_mapping import likely_mapping, suggested_arguments
+from irt.importing.likely_mapping import likely_mapping, suggested_command
 from irt.importing.mapping import Expression
 from irt.recording import CMD, MARBLE, STAMP, TILT
 from irt.rig import Board
@@ -100,7 +100,7 @@ def test_positions_in_pixels_are_not_scaled() -> None:
         "ball_y_px": np.array([9.0, 1.0, 5.0]),
     }
     assert likely_mapping(columns) == {STAMP: "t"}
-    assert suggested_arguments(Path("log.csv"), columns) is None
+    assert suggested_command(Path("log.csv"), columns) is None
 
 
 @given(

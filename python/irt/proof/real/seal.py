@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from irt.errors import IrtError
 from irt.files import make_folder, read_json, write_atomic
 from irt.measured_tilt import has_both_tilts
@@ -21,7 +19,7 @@ from irt.proof.seal import canonical, digest, digests
 from irt.recording import Recording
 from irt.rig import Rig, load_rig
 from irt.segments import SETTLING_S
-from irt.tilt_errors import comparable
+from irt.tilt_errors import is_comparable
 
 #: The file of a rig that is copied as it is; a section ``[tilt]`` says only what the sensor reads.
 _RIG = "rig.toml"
@@ -95,7 +93,7 @@ def measured(rig: Rig) -> Rig:
             f"{rig.path}: {', '.join(unstamped)}: no stamps; add a column t_s, without which a delay has no "
             "seconds"
         )
-    short = [one.name for one in rig.recordings if not np.isfinite(comparable(one)).any(axis=0).all()]
+    short = [one.name for one in rig.recordings if not is_comparable(one)]
     if short:
         raise IrtError(
             f"{rig.path}: {', '.join(short)}: no tilt about both axes after the first {SETTLING_S:g} s, in "
