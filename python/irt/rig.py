@@ -197,9 +197,20 @@ class Rig:
         IrtError
             If no recording has a marble.
         """
-        kept = tuple(
-            one if one.tilt is None else replace(one, tilt=None) for one in self.recordings if one.has_marble
-        )
+        rig = self.with_marbles()
+        if not rig.has_tilt:
+            return rig
+        return replace(rig, recordings=tuple(replace(one, tilt=None) for one in rig.recordings))
+
+    def with_marbles(self) -> Rig:
+        """Return the rig of the recordings with a marble.
+
+        Raises
+        ------
+        IrtError
+            If no recording has one.
+        """
+        kept = tuple(one for one in self.recordings if one.has_marble)
         if kept == self.recordings:
             return self
         if not kept:

@@ -73,6 +73,11 @@ class Segment:
         """Observed positions, (n, 2) [board edges], NaN in rows where the tracker lost the marble."""
         return self.run.marble[self.rows]
 
+    @property
+    def tilt(self) -> Array | None:
+        """Measured tilt, (n, 2) [rad], NaN in rows without; None if it was not measured."""
+        return None if self.run.tilt is None else self.run.tilt[self.rows]
+
     def cut(self, first: int, stop: int) -> Segment:
         """Return a part of the segment; its start state is unknown."""
         unknown = np.full(2, np.nan)

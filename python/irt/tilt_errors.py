@@ -71,6 +71,14 @@ def is_comparable(recording: Recording) -> bool:
     return bool(np.isfinite(comparable(recording)).any(axis=0).all())
 
 
+def compared_tilt(recording: Recording) -> Array | None:
+    """Return what `comparable` does, or None without stamps or without a tilt that changes."""
+    if not is_comparable(recording):
+        return None
+    tilt = comparable(recording)
+    return tilt if (np.nanmax(tilt, axis=0) > np.nanmin(tilt, axis=0)).any() else None
+
+
 def comparable(recording: Recording) -> Array:
     """Return the measured tilt, (n, 2) [rad], NaN in the first rows and while a marker was hidden."""
     assert recording.tilt is not None, recording.name

@@ -38,6 +38,8 @@ pub(crate) fn filtered<'py>(
         };
         result.set_item("predicted", all(&one.predicted))?;
         result.set_item("variance", all(&one.variance))?;
+        result.set_item("tilt", all(&one.tilt))?;
+        result.set_item("tilt_variance", all(&one.tilt_variance))?;
         result.set_item("log_likelihood", arrays::matrix(py, &one.log_likelihood))?;
         Ok(result)
     });
@@ -146,7 +148,7 @@ fn probable<'py>(py: Python<'py>, one: &Probable) -> PyResult<Bound<'py, PyDict>
         }
     }
     let deviations = covariance.diag().mapv(f64::sqrt).to_vec();
-    let sizes = <[f64; 11]>::from(one.noise);
+    let sizes = <[f64; 14]>::from(one.noise);
     result.set_item("values", vector(one.values.clone()))?;
     result.set_item("deviations", vector(deviations))?;
     result.set_item("covariance", covariance.into_pyarray(py))?;
@@ -173,7 +175,7 @@ fn of_segments(all: &Matrix<'_>) -> PyResult<States> {
 }
 
 fn noises(noise: &Matrix<'_>) -> PyResult<Vec<Noise>> {
-    Ok(arrays::rows::<11>(noise)?
+    Ok(arrays::rows::<14>(noise)?
         .into_iter()
         .map(Noise::from)
         .collect())

@@ -5,17 +5,21 @@
 
 use std::sync::atomic::AtomicBool;
 
+use crate::board::SUBSTEP_S;
 use crate::correction::Correction;
 use crate::engine::TAIL;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::noise::Noise;
 use crate::per_rollout::PerRollout;
-use crate::rollout::Batch;
+use crate::rollout::{Batch, TimeBase, Wanted};
+use crate::threads::Threads;
 
 mod smoother;
+mod tilt;
 
 use self::smoother::smoothed;
 pub use self::smoother::{Estimate, Smoothed};
+pub use self::tilt::MeasuredTilt;
 
 /// One-step predictions of rollouts, `rows` pairs each, concatenated.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,6 +29,36 @@ pub struct Predictions {
     /// Variances of the observations about the predictions (board edges squared); NaN in first rows, which are
     /// the start.
     pub variance: Vec<[f64; 2]>,
+    /// The measured tilt as predicted from all earlier rows (rad); empty if none was given.
+    pub tilt: Vec<[f64; 2]>,
+    /// Variances of the measurements about these predictions (rad²).
+    pub tilt_variance: Vec<[f64; 2]>,
+}
+
+/// The rows of one rollout, as in [`Predictions`].
+#[derive(Clone, Copy)]
+pub(crate) struct Rows<'a> {
+    pub(crate) marble: &'a [[f64; 2]],
+    pub(crate) variance: &'a [[f64; 2]],
+    pub(crate) tilt: &'a [[f64; 2]],
+    pub(crate) tilt_variance: &'a [[f64; 2]],
+}
+
+impl Predictions {
+    pub(crate) fn of_rollout(&self, rollout: usize, rows: usize) -> Rows<'_> {
+        let own = rollout * rows..(rollout + 1) * rows;
+        let of_tilt = if self.tilt.is_empty() {
+            0..0
+        } else {
+            own.clone()
+        };
+        Rows {
+            marble: &self.marble[own.clone()],
+            variance: &self.variance[own],
+            tilt: &self.tilt[of_tilt.clone()],
+            tilt_variance: &self.tilt_variance[of_tilt],
+        }
+    }
 }
 
 /// Rollouts that are corrected in every row by its observation.
@@ -34,6 +68,8 @@ pub struct Filter<'a> {
     pub batch: Batch<'a>,
     /// Observed positions (board edges), `rows` pairs; NaN where the tracker lost the marble.
     pub observed: PerRollout<'a, [f64; 2]>,
+    /// Measured tilt, if any. It does not correct the marble.
+    pub tilt: Option<MeasuredTilt<'a>>,
     /// Sizes of the random quantities, shared or one for each rollout.
     pub noise: PerRollout<'a, Noise>,
 }
@@ -48,11 +84,50 @@ impl Filter<'_> {
     pub fn run(&self, threads: Option<usize>, cancel: &AtomicBool) -> Result<Predictions> {
         self.check()?;
         let measured = (self.observed, self.noise);
-        let all = self.batch.filtered(measured, false, threads, cancel)?;
+        let wanted = Wanted {
+            tilt: self.tilt.is_some(),
+            corrections: false,
+        };
+        let mut all = self.batch.filtered(measured, wanted, threads, cancel)?;
+        let tilt_variance = match self.tilt {
+            Some(measured) => self.predict_tilt(&measured, &mut all.tilt, threads)?,
+            None => Vec::new(),
+        };
         Ok(Predictions {
             marble: all.marble,
             variance: all.variance,
+            tilt: all.tilt,
+            tilt_variance,
         })
+    }
+
+    /// Corrects the predicted tilt by the measured one, row by row, and returns the variances.
+    fn predict_tilt(
+        &self,
+        measured: &MeasuredTilt<'_>,
+        predicted: &mut [[f64; 2]],
+        threads: Option<usize>,
+    ) -> Result<Vec<[f64; 2]>> {
+        let rows = self.batch.rows;
+        let mut variance = vec![[0.0; 2]; predicted.len()];
+        let of_rollouts = predicted
+            .chunks_exact_mut(rows.max(1))
+            .zip(variance.chunks_exact_mut(rows.max(1)));
+        let pieces = of_rollouts.enumerate().collect();
+        Threads::new(threads)?.each(pieces, |(rollout, (predicted, variance))| {
+            let first = self.batch.first.of(rollout, 1)[0];
+            let even = self.batch.parameters[rollout].time_scale * SUBSTEP_S;
+            let seconds = |row: usize| match self.batch.time {
+                TimeBase::Durations(durations) => {
+                    durations.of(rollout, self.batch.issued())[first + row]
+                }
+                _ => even,
+            };
+            let noise = &self.noise.of(rollout, 1)[0];
+            let rows = measured.rows.of(rollout, rows);
+            tilt::predict(predicted, variance, rows, measured, seconds, noise);
+        });
+        Ok(variance)
     }
 
     /// Smoothed estimates of each row from all rows of its rollout: the random acceleration and the tracker's lasting
@@ -67,7 +142,11 @@ impl Filter<'_> {
     ) -> Result<Vec<[Smoothed; 2]>> {
         self.check()?;
         let measured = (self.observed, self.noise);
-        let all = self.batch.filtered(measured, true, threads, cancel)?;
+        let wanted = Wanted {
+            tilt: false,
+            corrections: true,
+        };
+        let all = self.batch.filtered(measured, wanted, threads, cancel)?;
         let of_rollout = |rows: &[[Correction; 2]]| {
             let of_axis =
                 |axis: usize| smoothed(&rows.iter().map(|row| row[axis]).collect::<Vec<_>>());
@@ -85,31 +164,61 @@ impl Filter<'_> {
         let rollouts = self.batch.parameters.len();
         self.observed.check("observed", rollouts, self.batch.rows)?;
         self.noise.check("noise", rollouts, 1)?;
-        (0..rollouts).try_for_each(|rollout| self.noise.of(rollout, 1)[0].check())
+        if let Some(tilt) = self.tilt {
+            tilt.rows.check("tilt", rollouts, self.batch.rows)?;
+        }
+        (0..rollouts).try_for_each(|rollout| {
+            let noise = &self.noise.of(rollout, 1)[0];
+            noise.check()?;
+            let needed = [
+                ("tilt_white", noise.tilt_white),
+                ("tilt_lasting_s", noise.tilt_lasting_s),
+            ];
+            for (name, size) in needed {
+                if self.tilt.is_some() && size == 0.0 {
+                    let expected = "a number above 0 beside a measured tilt";
+                    return Err(Error::invalid(name, expected, size));
+                }
+            }
+            Ok(())
+        })
     }
 
-    /// Log-likelihood of the observations along each axis, for each rollout: Student's t about the predictions.
-    pub fn log_likelihoods(&self, predictions: &Predictions) -> Vec<[f64; 2]> {
+    /// Log-likelihood of the observations of each channel, for each rollout: the marble along both axes, the tilt
+    /// about both. Student's t about the predictions; zero where nothing was measured.
+    pub fn log_likelihoods(&self, predictions: &Predictions) -> Vec<[f64; 4]> {
         let rows = self.batch.rows;
         let rollouts = 0..self.batch.parameters.len();
         rollouts
             .map(|rollout| {
-                let own = rollout * rows..(rollout + 1) * rows;
-                let seen = self.observed.of(rollout, rows);
-                let mut sum = [0.0; 2];
-                for (row, i) in own.enumerate() {
-                    for (axis, sum) in sum.iter_mut().enumerate() {
-                        let off = seen[row][axis] - predictions.marble[i][axis];
-                        let variance = predictions.variance[i][axis];
-                        if off.is_finite() && variance.is_finite() {
-                            *sum += log_density(off, variance);
-                        }
-                    }
-                }
-                sum
+                let own = predictions.of_rollout(rollout, rows);
+                let observed = self.observed.of(rollout, rows);
+                let [x, y] = log_likelihood(observed, own.marble, own.variance);
+                let [about_x, about_y] = self.tilt.map_or([0.0; 2], |measured| {
+                    log_likelihood(measured.rows.of(rollout, rows), own.tilt, own.tilt_variance)
+                });
+                [x, y, about_x, about_y]
             })
             .collect()
     }
+}
+
+/// Log-likelihood of measured rows along both axes; rows without a measurement or a variance do not count.
+fn log_likelihood(
+    measured: &[[f64; 2]],
+    predicted: &[[f64; 2]],
+    variance: &[[f64; 2]],
+) -> [f64; 2] {
+    let mut sum = [0.0; 2];
+    for (measured, (predicted, variance)) in measured.iter().zip(predicted.iter().zip(variance)) {
+        for (axis, sum) in sum.iter_mut().enumerate() {
+            let off = measured[axis] - predicted[axis];
+            if off.is_finite() && variance[axis].is_finite() {
+                *sum += log_density(off, variance[axis]);
+            }
+        }
+    }
+    sum
 }
 
 /// Γ((ν + 1)/2) / (Γ(ν/2) √(ν π)) for ν = [`TAIL`] = 4.

@@ -1,4 +1,4 @@
-//! Random quantities of a recording: the tracker's errors and random accelerations of the marble.
+//! Random quantities of a recording: errors of tracker and tilt sensor, and random accelerations of the marble.
 
 use crate::error::{Error, Result};
 
@@ -28,6 +28,12 @@ pub struct Noise {
     /// Standard deviation of the time at which a marble breaks away that friction holds more firmly than it brakes a
     /// rolling one (s): how firmly differs from place to place.
     pub release: f64,
+    /// Standard deviation of the white errors of the measured tilt (rad); zero without a measured tilt.
+    pub tilt_white: f64,
+    /// Standard deviation of the correlated errors of the predicted and measured tilt (rad).
+    pub tilt_lasting: f64,
+    /// Correlation time of those (s).
+    pub tilt_lasting_s: f64,
     /// Standard deviation of the start velocity (m/s), zero for a marble at rest, if it is released at the first
     /// observed position; none if the start state is known.
     pub start_velocity: Option<f64>,
@@ -52,6 +58,9 @@ impl Noise {
             ("jitter", self.jitter),
             ("departure", self.departure),
             ("release", self.release),
+            ("tilt_white", self.tilt_white),
+            ("tilt_lasting", self.tilt_lasting),
+            ("tilt_lasting_s", self.tilt_lasting_s),
             ("start_velocity", self.start_velocity.unwrap_or(0.0)),
         ];
         for (name, size) in positive {
@@ -69,8 +78,8 @@ impl Noise {
 }
 
 /// In the order of the fields; NaN as the start velocity means a known start state.
-impl From<[f64; 11]> for Noise {
-    fn from(sizes: [f64; 11]) -> Self {
+impl From<[f64; 14]> for Noise {
+    fn from(sizes: [f64; 14]) -> Self {
         let [
             white,
             lasting,
@@ -82,6 +91,9 @@ impl From<[f64; 11]> for Noise {
             jitter,
             departure,
             release,
+            tilt_white,
+            tilt_lasting,
+            tilt_lasting_s,
             start_velocity,
         ] = sizes;
         Self {
@@ -95,12 +107,15 @@ impl From<[f64; 11]> for Noise {
             jitter,
             departure,
             release,
+            tilt_white,
+            tilt_lasting,
+            tilt_lasting_s,
             start_velocity: (!start_velocity.is_nan()).then_some(start_velocity),
         }
     }
 }
 
-impl From<Noise> for [f64; 11] {
+impl From<Noise> for [f64; 14] {
     fn from(noise: Noise) -> Self {
         [
             noise.white,
@@ -113,6 +128,9 @@ impl From<Noise> for [f64; 11] {
             noise.jitter,
             noise.departure,
             noise.release,
+            noise.tilt_white,
+            noise.tilt_lasting,
+            noise.tilt_lasting_s,
             noise.start_velocity.unwrap_or(f64::NAN),
         ]
     }

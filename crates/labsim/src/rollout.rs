@@ -166,19 +166,15 @@ impl<'a> Batch<'a> {
     }
 
     /// Simulates every rollout in the rolling engine with a correction by each row's observation; returns the
-    /// predictions, their variances and, if requested, the filter's state at each row.
+    /// predictions, their variances and what else is wanted.
     pub(crate) fn filtered(
         &self,
         (observed, noise): (PerRollout<'_, [f64; 2]>, PerRollout<'_, Noise>),
-        wanted: bool,
+        wanted: Wanted,
         threads: Option<usize>,
         cancel: &AtomicBool,
     ) -> Result<Simulated> {
-        let asked = if wanted {
-            Asked::Corrections(observed, noise)
-        } else {
-            Asked::Variance(observed, noise)
-        };
+        let asked = Asked::Filtered(observed, noise, wanted);
         if self.maze.is_some() {
             let expected = "a bare board, where predictions are corrected";
             return Err(Error::invalid("maze", expected, "walls or holes"));
@@ -198,13 +194,16 @@ impl<'a> Batch<'a> {
         let rows_if = |asked: bool| vec![[0.0; 2]; if asked { count } else { 0 }];
         let mut observed = Simulated {
             marble: rows_if(true),
-            tilt: rows_if(matches!(asked, Asked::Tilt | Asked::Falls)),
-            variance: rows_if(matches!(
-                asked,
-                Asked::Variance(..) | Asked::Corrections(..)
-            )),
+            tilt: rows_if(match asked {
+                Asked::Filtered(_, _, wanted) => wanted.tilt,
+                Asked::Tilt | Asked::Falls => true,
+                Asked::Marble => false,
+            }),
+            variance: rows_if(matches!(asked, Asked::Filtered(..))),
             corrections: match asked {
-                Asked::Corrections(..) => vec![[Correction::default(); 2]; count],
+                Asked::Filtered(_, _, wanted) if wanted.corrections => {
+                    vec![[Correction::default(); 2]; count]
+                }
                 _ => Vec::new(),
             },
             falls: match asked {
@@ -254,7 +253,7 @@ impl<'a> Batch<'a> {
     }
 
     /// Number of commands of a rollout, unless they are references.
-    fn issued(&self) -> usize {
+    pub(crate) fn issued(&self) -> usize {
         self.commands.length(self.parameters.len())
     }
 
@@ -317,12 +316,10 @@ impl<'a> Batch<'a> {
 
     fn job<'b>(&'b self, rollout: usize, asked: Asked<'b>) -> Job<'b> {
         let measured = match asked {
-            Asked::Variance(observed, noise) | Asked::Corrections(observed, noise) => {
-                Some(Measured {
-                    observed: observed.of(rollout, self.rows),
-                    noise: noise.of(rollout, 1)[0],
-                })
-            }
+            Asked::Filtered(observed, noise, _) => Some(Measured {
+                observed: observed.of(rollout, self.rows),
+                noise: noise.of(rollout, 1)[0],
+            }),
             _ => None,
         };
         Job {
@@ -349,16 +346,22 @@ enum Asked<'a> {
     Tilt,
     /// The tilt, and where marbles fell.
     Falls,
-    /// Variances of predictions that are corrected by these observations, with this noise.
-    Variance(PerRollout<'a, [f64; 2]>, PerRollout<'a, Noise>),
-    /// The same, with the filter's state.
-    Corrections(PerRollout<'a, [f64; 2]>, PerRollout<'a, Noise>),
+    /// Predictions that are corrected by these observations, with this noise, and their variances.
+    Filtered(PerRollout<'a, [f64; 2]>, PerRollout<'a, Noise>, Wanted),
+}
+
+/// Wanted output of a filter besides predictions and variances.
+#[derive(Clone, Copy)]
+pub(crate) struct Wanted {
+    pub(crate) tilt: bool,
+    /// The filter's state at each row.
+    pub(crate) corrections: bool,
 }
 
 /// The requested output; the rest is empty.
 pub(crate) struct Simulated {
     pub(crate) marble: Vec<[f64; 2]>,
-    tilt: Vec<[f64; 2]>,
+    pub(crate) tilt: Vec<[f64; 2]>,
     pub(crate) variance: Vec<[f64; 2]>,
     pub(crate) corrections: Vec<[Correction; 2]>,
     falls: Vec<Option<Fall>>,

@@ -124,14 +124,14 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path, notes: Seque
     from irt.report.diagnosed import write_diagnosis
 
     print_warnings(rig, args.threads)
-    of_marbles = rig.of_marbles()
+    with_marbles = rig.with_marbles()
     folder = results_folder(folder, ("model.toml", "diagnosis.json", "report.html"))
-    unfinished = _unfinished(folder / UNFINISHED, of_marbles, args.seed)
+    unfinished = _unfinished(folder / UNFINISHED, with_marbles, args.seed)
     try:
         with unfinished.used():
             with progress_bar() as progress:
                 found = diagnose(rig, seed=args.seed, threads=args.threads, progress=progress)
-            page = write_diagnosis(folder, of_marbles, found, notes)
+            page = write_diagnosis(folder, with_marbles, found, notes)
     except KeyboardInterrupt:
         print("irt: no result was written; the same command resumes the diagnosis", file=sys.stderr)
         raise
@@ -166,7 +166,7 @@ def _diagnose_many(args: argparse.Namespace, rigs: Mapping[str, Rig], folders: M
     workers = make_workers(args.jobs, args.cluster)
     for folder in folders.values():
         make_folder(folder)
-    left = [name for name, rig in rigs.items() if not _is_done(folders[name], rig.of_marbles(), args.seed)]
+    left = [name for name, rig in rigs.items() if not _is_done(folders[name], rig.with_marbles(), args.seed)]
     inputs = {name: _files(rigs[name].path) for name in left}
     failed = {}
     try:

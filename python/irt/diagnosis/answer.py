@@ -16,6 +16,7 @@ from irt.diagnosis import config, words
 from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.detectability import detectability
+from irt.diagnosis.held_out_tilt import TiltPredictions
 from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_of
 from irt.diagnosis.latent_force import LatentForce, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
@@ -139,11 +140,12 @@ class Answer:
                 *words.smoothed(effects, dataset.row_s(best.fitted)),
                 *self._notes_on_unnamed(),
                 *sentences(self._recordings, self._differences),
+                *self._notes_on_tilt(tied),
             ),
             settings={
                 "rig": str(dataset.rig.path),
                 "recordings": len(dataset.rig.recordings),
-                "recordings_sha256": dataset.rig.digest,
+                "recordings_sha256": dataset.digest,
                 "version": version("labsim-irt"),
             },
             seed=dataset.seed,
@@ -296,6 +298,21 @@ class Answer:
             )
         if words.CORNERS in self._unnamed:
             yield words.corners(self._unnamed[words.CORNERS])
+
+    def _notes_on_tilt(self, tied: Sequence[Tie]) -> Iterator[str]:
+        """Yield how well held-out recordings' measured tilt is predicted, if there is any."""
+        dataset = self._dataset
+        measured = {one.recording: one.run for one in dataset.runs}
+        said = TiltPredictions(
+            recordings=[measured.get(one.name, one) for one in dataset.rig.recordings],
+            answer=[one.model for one in self._proof.runs],
+            base=[one.model for one in self._base_proof.runs],
+            tied=[one.scored.fitted.model for one in tied],
+            is_held_out=self._proof.is_proof,
+            noise_rad=dataset.rig.tilt.noise_rad,
+        ).sentence()
+        if said is not None:
+            yield said
 
     def _chosen_again(self, tied: Sequence[Tie]) -> Nested | None:
         """Repeat the selection without each recording: answer, subsets, ties and likely sets compete."""

@@ -21,6 +21,7 @@ from irt.fitting.solution import Refined, Solution
 from irt.model import Effect, Model
 from irt.rig import PARAMETERS, Rig
 from irt.segments import Segment, segments
+from irt.tilt_errors import compared_tilt
 
 Array = NDArray[np.float64]
 
@@ -93,7 +94,9 @@ class Dataset:
     Attributes
     ----------
     rig : Rig
-        Board, marble, ranges and recordings.
+        Board, marble, ranges and the recordings with a marble, without their measured tilt.
+    digest : str
+        Checksum of these recordings, with the tilt.
     segments : tuple of Segment
         Segments predicted by free runs: complete recordings from rest, or windows of recordings in motion.
     folds : (s,) int array
@@ -101,6 +104,7 @@ class Dataset:
     runs : tuple of Segment
         Complete recordings, for the filter: it corrects the state in every row, so it needs no restarts, and
         the states of board, marble and push carry over.
+        They have the measured tilt, which free runs do not fit.
     run_folds : (r,) int array
         Index of the recording of each of `runs`.
     noise : float
@@ -116,6 +120,7 @@ class Dataset:
     """
 
     rig: Rig
+    digest: str
     segments: tuple[Segment, ...]
     folds: NDArray[np.int64]
     runs: tuple[Segment, ...]
@@ -135,12 +140,18 @@ class Dataset:
         IrtError
             If only some recordings are stamped.
         """
+        digest = rig.with_marbles().digest
+        tilts = {one.name: compared_tilt(one) for one in rig.recordings}
+        rig = rig.of_marbles()
         cut = tuple(segments(rig))
-        runs = tuple(segments(rig, whole=True))
+        runs = tuple(
+            replace(one, run=replace(one.run, tilt=tilts[one.recording])) for one in segments(rig, whole=True)
+        )
         names = [recording.name for recording in rig.recordings]
         folds, run_folds = (np.array([names.index(one.recording) for one in parts]) for parts in (cut, runs))
         return cls(
             rig=rig,
+            digest=digest,
             segments=cut,
             folds=folds,
             runs=runs,
@@ -150,6 +161,11 @@ class Dataset:
             seed=seed,
             threads=threads,
         )
+
+    @property
+    def has_tilt(self) -> bool:
+        """Whether the filter sees a measured tilt."""
+        return any(one.run.has_tilt for one in self.runs)
 
     def only(self, folds: Sequence[int]) -> Dataset:
         """Return the dataset restricted to the given folds."""

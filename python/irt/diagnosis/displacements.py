@@ -39,7 +39,7 @@ class Displacements:
     ----------
     free : tuple
         The n rows, residuals (n, 2) and nuisance directions, by `free_motion`.
-    noise : (11,) array
+    noise : (14,) array
         Noise sizes of the filter.
     variances : (n, 2) array
         Variances of the white noise in each row [board edges^2].
@@ -243,7 +243,7 @@ def _covariance(noise: Array, moved: Array, row_s: float) -> Array:
 
     Parameters
     ----------
-    noise : (11,) array
+    noise : (14,) array
         Noise sizes of the filter.
     moved : (m, m) array
         Displacements by pushes in m/s^2 [board edges].

@@ -1,63 +1,88 @@
-"""The measured tilt, which no fit of a diagnosis sees, as a check of its answer."""
+"""How well the answer predicts the measured tilt, beside the five parameters and the answer's ties."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from irt.diagnosis import config
-from irt.diagnosis.result import Diagnosis
 from irt.model import Model
-from irt.rig import Rig
+from irt.recording import Recording
 from irt.tilt_errors import errors, is_comparable, predicted
 
+Array = NDArray[np.float64]
 
-def sentence(found: Diagnosis, rig: Rig) -> str | None:
-    """Return how well the answer and the five parameters predict the measured tilt; None without one.
 
-    Parameters
+@dataclass(frozen=True, eq=False)
+class TiltPredictions:
+    """The measured tilt of recordings as models predict it from the commands alone.
+
+    Attributes
     ----------
-    found : Diagnosis
-        The diagnosis, which knows nothing of the tilt.
-    rig : Rig
-        The rig with its measured tilt.
+    recordings : sequence of Recording
+        The recordings with their measured tilt.
+    answer, base : sequence of Model
+        For each recording the answer and the five parameters, fitted to the other recordings.
+    tied : sequence of Model
+        Models that explain the recordings as well as the answer, fitted to all recordings.
+    is_held_out : bool
+        Whether the recordings were held out; a single one cannot be.
+    noise_rad : float or None
+        Standard deviation of the sensor [rad], if it is known.
     """
-    runs = [one for one in rig.recordings if is_comparable(one)]
-    if not runs:
-        return None
 
-    def off(model: Model) -> np.ndarray:
-        return 1000.0 * np.array([axis.zero for axis in errors([predicted(model, run) for run in runs])])
+    recordings: Sequence[Recording]
+    answer: Sequence[Model]
+    base: Sequence[Model]
+    tied: Sequence[Model]
+    is_held_out: bool
+    noise_rad: float | None
 
-    after, before = off(found.model), off(found.base)
-    text = (
-        "The measured tilt took no part in the diagnosis. From the commands, the answer predicts it to "
-        f"{_pair(after)} (root mean square, apart from the sensor's zero)"
-    )
-    if not found.effects:
+    def sentence(self) -> str | None:
+        """Return how well the models predict the measured tilt; None without one."""
+        if not any(is_comparable(one) for one in self.recordings):
+            return None
+        after, before = self._off(self.answer), self._off(self.base)
+        of = " of held-out recordings" if self.is_held_out else ""
+        text = (
+            f"From the commands alone, the answer predicts the measured tilt{of} to {_pair(after)} "
+            "(root mean square, apart from the sensor's zero)"
+        )
+        (own,) = {_names(one) for one in self.answer}
+        if not own:
+            return f"{text}."
+        text += f"; the five parameters to {_pair(before)}"
+        for other in self.tied:
+            if _names(other) != own:
+                off = self._off([other] * len(self.recordings))
+                text += f"; with {_difference(_names(other), own)} to {_pair(off)}"
+        if (after**2).sum() > (before**2).sum():
+            return f"{text}. So it contradicts what the answer says of the actuators."
+        if self.noise_rad is not None and (after > 1000.0 * (1.0 + config.EXCEEDS) * self.noise_rad).any():
+            noise = f"{1000.0 * self.noise_rad:.2g} mrad"
+            return f"{text}. The sensor's noise is {noise}: the actuators do more than that."
         return f"{text}."
-    text += f"; the five parameters to {_pair(before)}"
-    for other in found.indistinguishable:
-        if _names(other) != _names(found.model):
-            text += f"; with {_difference(other, found.model)} to {_pair(off(other))}"
-    if (after**2).sum() > (before**2).sum():
-        return f"{text}. So it contradicts what the answer says of the actuators."
-    noise = rig.tilt.noise_rad
-    if noise is not None and (after > 1000.0 * (1.0 + config.EXCEEDS) * noise).any():
-        return f"{text}. The sensor's noise is {1000.0 * noise:.2g} mrad: the actuators do more than that."
-    return f"{text}."
+
+    def _off(self, models: Sequence[Model]) -> Array:
+        """Return the errors of a model for each recording about x and y, (2,) [mrad]."""
+        pairs = zip(models, self.recordings, strict=True)
+        found = errors([predicted(model, run) for model, run in pairs if is_comparable(run)])
+        return 1000.0 * np.array([axis.zero for axis in found])
 
 
-def _difference(model: Model, answer: Model) -> str:
+def _difference(own: frozenset[str], others: frozenset[str]) -> str:
     """Return which effects a model has in place of those of the answer."""
-    own, others = _names(model), _names(answer)
     more, less = " and ".join(sorted(own - others)), " and ".join(sorted(others - own))
     return f"{more} in place of {less}" if more and less else more or f"no {less}"
 
 
-def _names(model: Model) -> set[str]:
-    return {one.name for one in model.effects}
+def _names(model: Model) -> frozenset[str]:
+    return frozenset(one.name for one in model.effects)
 
 
-def _pair(values: np.ndarray) -> str:
+def _pair(values: Array) -> str:
     """Return errors about x and y [mrad] in words."""
     return f"{values[0]:.2g} mrad about x and {values[1]:.2g} mrad about y"

@@ -38,8 +38,8 @@ SPIN = f"{SPINNING}.increase"
 MAP = "slope_map"
 
 
-def hypotheses(start: str = "rest") -> list[str]:
-    """Return the names of the effects that are searched, with one effect of `ALIKE`.
+def hypotheses(start: str = "rest", *, tilt: bool = False) -> list[str]:
+    """Return the names of the effects that are searched, one of `ALIKE` unless the tilt is measured.
 
     Effects that depend on the marble's orientation need its initial orientation. A marble at rest can be
     placed in the same orientation for each recording. A marble that starts in motion has another orientation
@@ -49,11 +49,13 @@ def hypotheses(start: str = "rest") -> list[str]:
     ----------
     start : str
         Start of the recordings, as in a rig: "rest" or "moving".
+    tilt : bool
+        Whether the tilt is measured: it is late with the command, but not with the picture of the marble.
     """
     return [
         info.name
         for info in hypothetical()
-        if info.name != max(ALIKE)
+        if (tilt or info.name != max(ALIKE))
         and (info.name == JITTER or _repeats(info.name))
         and (start == "rest" or not info.turns)
     ] + [MAP]

@@ -32,6 +32,7 @@ from irt.engine import SUBSTEP_S
 from irt.fitting.effect_size import size_of, sizes_of
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import CONFIDENCE, FLAT, Information
+from irt.fitting.problem import Problem
 from irt.model import Parameter
 
 Array = NDArray[np.float64]
@@ -141,11 +142,41 @@ def information_of(one: Scored, held: HeldOut) -> Information:
 
 
 def curvature(one: Scored) -> Information:
-    """Return what recordings say of a set by the curvature of the likelihood of its free runs."""
+    """Return what recordings say of a set by the curvature of the likelihood of its free runs.
+
+    Beside a measured tilt, which free runs do not see, it is that of the filter.
+    """
     fitted = one.fitted
     problem = one.dataset.problem(fitted.effects)
+    if one.dataset.has_tilt:
+        return _of_filter(one, problem)
     information = Information.of(problem, fitted.values, problem.inform(fitted.values, one.dataset.noise))
     return _without_time(fitted, information)
+
+
+def _of_filter(one: Scored, problem: Problem) -> Information:
+    """Return what recordings say of the values of a problem by the posterior of the filter."""
+    own = [one.names.index(name) for name in problem.names]
+    values, free = one.top.values[own], one.top.deviations[own] > 0.0
+    widths = np.where(free, np.ptp(problem.ranges, axis=1), 1.0)
+    covariance = one.top.covariance[np.ix_(own, own)] / np.outer(widths, widths)
+    variance, vectors = np.linalg.eigh(covariance[np.ix_(free, free)])
+    directions = np.zeros((len(variance), len(values)))
+    directions[:, free] = vectors.T
+    half_width = _NORMAL * np.sqrt(np.maximum(variance, 0.0))
+    return Information(
+        names=problem.names,
+        values=values,
+        widths=widths,
+        ranges=np.stack(
+            [np.minimum(problem.ranges[:, 0], values), np.maximum(problem.ranges[:, 1], values)], axis=1
+        ),
+        allowed=problem.allowed,
+        free=free,
+        directions=directions,
+        half_width=half_width,
+        offset=np.zeros(len(variance)),
+    )
 
 
 def _with_scatter(information: Information, values: Array) -> Information:

@@ -120,7 +120,7 @@ class Regressors:
     ----------
     free : tuple
         Segments of free motion.
-    noise : (11,) array
+    noise : (14,) array
         Noise sizes of the filter.
     one : Scored
         The set whose residuals these are.

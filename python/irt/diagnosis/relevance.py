@@ -77,9 +77,10 @@ class Relevance:
 
         A filter corrects a sticking marble in every row, whereas a free run is sensitive to sticking. If the
         residuals of free runs are about the tracker's noise, there is nothing to gain. A push accumulates in
-        free runs, and their values may undo an effect: such values are rejected.
+        free runs, and their values may undo an effect: such values are rejected. Free runs do not see a
+        measured tilt, so beside one the filter's values stay.
         """
-        if one.is_free or one.is_exact:
+        if one.is_free or one.is_exact or one.dataset.has_tilt:
             return one
         other = Scores.of(one).freed(one)
         if self._undoes_an_effect(other, one):
@@ -122,8 +123,25 @@ class Relevance:
             self._freed[key] = Scores.of(one).freed(self.without(one, name))
         return self._freed[key]
 
+    def _is_certain(self, one: Scored, name: str) -> bool:
+        """Whether held-out recordings agree that a set predicts better with an effect than without it.
+
+        In windows, in complete runs, or by likelihood. If the set leaves only noise, or nothing is held out,
+        there is nothing to test.
+        """
+        validation, without = self.validation, self.without(one, name)
+        if one.is_exact or not validation.of(one).is_proof:
+            return True
+        if validation.windows_agree(one, without) or validation.is_likelier(one, without):
+            return True
+        others = [without] if one.is_free else [without, self._freed_without(one, name)]
+        return all(validation.runs_agree(one, other) for other in others)
+
     def _is_needed(self, one: Scored, name: str) -> bool:
         """Whether an effect matters to predictions of held-out recordings.
+
+        The errors without it must be larger, and not by chance: what a model leaves on a real rig differs
+        between recordings by more than some effects do.
 
         Delay jitter does not improve predictions, so only its likelihood counts. It must be finite: the
         spread must be compatible with the mean, also for values from free runs. Likelihoods alone do not
@@ -134,7 +152,7 @@ class Relevance:
         noise, without = one.dataset.noise, self.without(one, name)
         if name == JITTER:
             return math.isfinite(one.score) and self.loss(one, name) > -config.MATTERS * noise
-        if self.loss(one, name) >= config.MATTERS * noise:
+        if self.loss(one, name) >= config.MATTERS * noise and self._is_certain(one, name):
             return True
         if not self.validation.is_likelier(one, without) or self.validation.is_better(without, one):
             return False

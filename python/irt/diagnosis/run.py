@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from irt import arguments
 from irt.checking.run import required
-from irt.diagnosis import config, held_out_tilt
+from irt.diagnosis import config
 from irt.diagnosis.answer import Answer
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.hypotheses import JITTER, MAP, hypotheses
@@ -59,18 +59,16 @@ def diagnose(
     warnings = required(rig, threads=threads)
     # More BLAS threads change the order of summation, and are slower on matrices of this size.
     with threadpool_limits(1, user_api="blas"):
-        found = _diagnosed(Dataset.of(rig.of_marbles(), seed=seed, threads=threads), _reporter(progress))
+        found = _diagnosed(Dataset.of(rig, seed=seed, threads=threads), _reporter(progress))
     if progress is not None:
         progress(_STEPS, _STEPS, "done")
-    checked = held_out_tilt.sentence(found, rig)
-    notes = found.notes if checked is None else (*found.notes, checked)
-    return replace(found, notes=notes, warnings=warnings, seconds=time.perf_counter() - began)
+    return replace(found, warnings=warnings, seconds=time.perf_counter() - began)
 
 
 def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
     """Run all stages of a diagnosis."""
     scores = Scores(dataset)
-    selection = Selection(scores, hypotheses(dataset.rig.start), report)
+    selection = Selection(scores, hypotheses(dataset.rig.start, tilt=dataset.has_tilt), report)
     corrections = Corrections(scores, report)
     posterior = selection.run(corrections.beat)
     relevance, best = Relevance(selection, posterior), posterior.best

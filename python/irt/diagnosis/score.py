@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 
 #: Indices of the noise sizes, as taken by `Problem.filter`.
 WHITE, LASTING, LASTING_S, PUSH, PULL, PULL_S, RESTITUTION = range(7)
-KICK, DEPARTURE, RELEASE, START_VELOCITY = range(7, 11)
+KICK, DEPARTURE, RELEASE, TILT_WHITE, TILT_LASTING, TILT_LASTING_S, START_VELOCITY = range(7, 14)
 
 #: Maximum-likelihood scale of Student's t with four degrees of freedom for standard normal errors. The
 #: filter's sizes of the tracker's noise are such scales.
@@ -104,7 +104,7 @@ class Scored:
 
     @property
     def noise(self) -> Array:
-        """Noise sizes as taken by `Problem.filter`, (11,)."""
+        """Noise sizes as taken by `Problem.filter`, (14,)."""
         return np.asarray(self.top.noise)
 
     @functools.cached_property
@@ -284,7 +284,7 @@ class Scores:
         return np.array(values), np.array(noises)
 
     def noise(self, push: float) -> Array:
-        """Return initial noise sizes, (11,)."""
+        """Return initial noise sizes, (14,)."""
         white, lasting = max(self.dataset.noise, 1e-5), max(self.dataset.noise, 1e-6)
         return np.array(
             [
@@ -298,6 +298,7 @@ class Scores:
                 0.0,
                 config.DEPARTURE,
                 0.0,
+                *(config.TILT if self.dataset.has_tilt else (0.0, 0.0, 0.0)),
                 config.START_VELOCITY,
             ]
         )
@@ -311,7 +312,7 @@ class Scores:
         *,
         iterations: int,
     ) -> list[Scored]:
-        """Maximise the posterior from (k, n) values, (k, 11) noise sizes and (s, 4) states; keep the best."""
+        """Maximise the posterior from (k, n) values, (k, 14) noise sizes and (s, 4) states; keep the best."""
         problem = self.problem(effects)
         values, noise = off_bounds(self.dataset, problem.names, values, noise)
         noise = of_effects(noise, effects)
@@ -358,8 +359,9 @@ class Scores:
             return 0.0
         problem = self.problem(one.effects)
         noise = one.noise.copy()
-        if LASTING in sizes:
-            noise[WHITE] = np.hypot(noise[WHITE], noise[LASTING])
+        for white, lasting in ((WHITE, LASTING), (TILT_WHITE, TILT_LASTING)):
+            if lasting in sizes:
+                noise[white] = np.hypot(noise[white], noise[lasting])
         noise[list(sizes)] = 0.0
         (top,) = problem.ascend(
             self.from_where(problem, one)[None], noise[None], [one.top.states], iterations=config.THOROUGH
@@ -378,7 +380,7 @@ class Scores:
     def is_whole(self, one: Scored) -> bool:
         """Whether random push and correlated noise gain less than an additional effect would have to."""
         needed = math.log(len(hypothetical())) + config.SURE
-        return self.loss_without(one, [PUSH, PULL, LASTING]) < needed
+        return self.loss_without(one, [PUSH, PULL, LASTING, TILT_LASTING]) < needed
 
     def remember(self, one: Scored) -> None:
         """Keep a fit if it is the best with its effects."""
@@ -395,14 +397,14 @@ class Scores:
 
 
 def quiet(noise: Array) -> Array:
-    """Return (k, 11) noise sizes with push and random rebounds as small as for a complete model."""
+    """Return (k, 14) noise sizes with push and random rebounds as small as for a complete model."""
     sizes = noise.copy()
     sizes[:, [PUSH, PULL, RESTITUTION]] = config.LITTLE
     return sizes
 
 
 def start_unknown(dataset: Dataset, noise: Array, states: list[Array]) -> tuple[Array, list[Array] | None]:
-    """Return (k, 11) noise sizes and start states with which a filter finds the start states along the way.
+    """Return (k, 14) noise sizes and start states with which a filter finds the start states along the way.
 
     The start state of a recording in motion was fitted to the recording, with other values or effects. With
     small pushes, an error of it lasts to the end. Recordings from rest keep their states.
@@ -415,7 +417,7 @@ def start_unknown(dataset: Dataset, noise: Array, states: list[Array]) -> tuple[
 
 
 def of_effects(noise: Array, effects: Sequence[str]) -> Array:
-    """Return (k, 11) noise sizes of which those that belong to effects are zero without such an effect.
+    """Return (k, 14) noise sizes of which those that belong to effects are zero without such an effect.
 
     For example, a marble that rolling friction alone holds breaks away where its push and the friction are in
     balance. When it does makes no difference then, and a size without influence would only hold up a fit.
@@ -428,7 +430,7 @@ def of_effects(noise: Array, effects: Sequence[str]) -> Array:
 
 
 def with_less_push(noise: Array, share: float) -> Array:
-    """Return noise sizes (11,) with a share of the variance of the random pushes."""
+    """Return noise sizes (14,) with a share of the variance of the random pushes."""
     sizes = noise.copy()
     sizes[[PUSH, PULL]] *= share, math.sqrt(share)
     return sizes

@@ -44,7 +44,7 @@ class Promise:
         Estimated gain [nats].
     starts : (k, n) array
         Start values.
-    noise : (k, 11) array
+    noise : (k, 14) array
         Start noise sizes.
     """
 
@@ -80,9 +80,9 @@ class Screening:
         for row, index in enumerate(free, start=1):
             moved[row, index] += STEP * span[index]
         found = self._predicted(problem, moved, np.tile(parent.noise, (len(moved), 1)))
-        seen = np.concatenate([one.observed.ravel() for one in self._dataset.runs])
-        predicted = [np.concatenate([one.ravel() for one in each.predicted]) for each in found]
-        variance = np.concatenate([one.ravel() for one in found[0].variance])
+        seen = self._seen_of(found[0])
+        predicted = [_joined(each.predicted, each.tilt) for each in found]
+        variance = _joined(found[0].variance, found[0].tilt_variance)
         self._kept = np.isfinite(seen) & np.isfinite(variance)
         self._seen = seen[self._kept]
         self._here = predicted[0][self._kept]
@@ -94,6 +94,14 @@ class Screening:
         slopes = np.array([(each[self._kept] - self._here) / self._scale * root for each in predicted[1:]]).T
         self._basis = np.linalg.qr(slopes)[0] if slopes.size else np.zeros((len(off), 0))
         self._off = self._across(off * root)
+
+    def _seen_of(self, one: Filtered) -> Array:
+        """Return what was measured, in the order of `_joined`."""
+        tilts = [
+            predicted if run.tilt is None else run.tilt[: len(predicted)]
+            for run, predicted in zip(self._dataset.runs, one.tilt, strict=True)
+        ]
+        return _joined([run.observed for run in self._dataset.runs], tilts)
 
     def promises(self, names: Sequence[str]) -> list[Promise]:
         """Return the screened effects, the largest gain first."""
@@ -193,7 +201,7 @@ class Screening:
 
     def _change(self, one: Filtered) -> Array:
         """Return the difference of predictions from the set's, beyond changes of its own parameters."""
-        moved = np.concatenate([each.ravel() for each in one.predicted])[self._kept]
+        moved = _joined(one.predicted, one.tilt)[self._kept]
         return self._across((moved - self._here) / self._scale * self._root)
 
     @staticmethod
@@ -213,6 +221,11 @@ class Screening:
     def _across(self, vector: Array) -> Array:
         """Return a vector without its components along the set's own parameters."""
         return np.asarray(vector - self._basis @ (self._basis.T @ vector))
+
+
+def _joined(places: Sequence[Array], tilts: Sequence[Array]) -> Array:
+    """Return places of all recordings, then tilts, in one vector."""
+    return np.concatenate([one.ravel() for one in (*places, *tilts)])
 
 
 def _between(values: Array, changes: Array) -> Array:

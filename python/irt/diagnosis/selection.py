@@ -126,7 +126,7 @@ class Selection:
     def _likelier_name(self, one: Scored) -> Scored:
         """Return the more probable of a set and the same set with an equivalent effect of `ALIKE`."""
         own = ALIKE.intersection(one.effects)
-        if not own:
+        if not own or self.scores.dataset.has_tilt:
             return one
         other = renamed(one, *own)
         found = self.scores.ascend(
@@ -238,9 +238,12 @@ class Selection:
         return gain > config.SURE or (gain > config.TIE and self.validation.is_better(one, less))
 
     def _other(self, one: Scored) -> list[str]:
-        """Return the effects that a set lacks, except the slope map and other names of its effects."""
+        """Return the effects that a set lacks, except the slope map and other names of its effects.
+
+        A measured tilt distinguishes the effects of `ALIKE`, and both may act.
+        """
         held = {*one.effects, MAP, *(SMOOTHED if JITTER in one.effects else ())}
-        held |= ALIKE if ALIKE.intersection(one.effects) else set()
+        held |= ALIKE if ALIKE.intersection(one.effects) and not self.scores.dataset.has_tilt else set()
         return [name for name in self.names if name not in held]
 
     def _best_child(

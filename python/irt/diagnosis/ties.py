@@ -33,9 +33,12 @@ class Tie:
 
 
 def ties(exchanges: Sequence[Tie], answer: Scored) -> list[Tie]:
-    """Return the ties of each effect of an answer, from those of the best set."""
+    """Return the ties of each effect of an answer, from those of the best set.
+
+    A measured tilt distinguishes the effects of `ALIKE`: they tie as any others do.
+    """
     found = [one for one in exchanges if one.name in answer.effects]
-    for name in ALIKE.intersection(answer.effects):
+    for name in ALIKE.intersection(() if answer.dataset.has_tilt else answer.effects):
         other = renamed(answer, name)
         instead = other.effects[answer.effects.index(name)]
         alike = (

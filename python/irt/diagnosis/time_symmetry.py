@@ -75,7 +75,7 @@ def off_bounds(dataset: Dataset, names: Sequence[str], values: Array, noise: Arr
         The dataset; with a known time scale nothing is moved.
     names : sequence of str
         Names of the n parameters, with the five first.
-    values, noise : (k, n) and (k, 11) arrays
+    values, noise : (k, n) and (k, 14) arrays
         Values, and noise sizes as taken by `Problem.filter`.
     """
     if time_is_known(dataset):

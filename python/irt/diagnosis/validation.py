@@ -89,6 +89,17 @@ class HeldOut:
         return np.array([np.nan if one is None else one.mae for one in errors])
 
     @functools.cached_property
+    def errors_of_windows(self) -> Array:
+        """The same of each window of all recordings, NaN without an observation, (w,)."""
+        found = []
+        for one, recording in zip(self.runs, self.whole.dataset.rig.recordings, strict=True):
+            off = np.abs(one.evaluation.windowed_prediction - recording.marble)
+            for window in np.split(off, one.evaluation.window_rows)[1:]:
+                known = window[np.isfinite(window)]
+                found.append(float(known.mean()) if len(known) else np.nan)
+        return np.array(found)
+
+    @functools.cached_property
     def likelihoods(self) -> Array:
         """Log-likelihood of each recording by the filter with values fitted to the others [nats]."""
         return self._likelihoods(self.fits)
@@ -172,6 +183,18 @@ class Validation:
         return here.is_proof and (
             agree(other.errors - here.errors) or agree(other.windowed_errors - here.windowed_errors)
         )
+
+    def windows_agree(self, one: Scored, than: Scored) -> bool:
+        """Whether the windows of all held-out recordings agree that a set predicts better than another.
+
+        Each has a start state of its own, so that those of a recording are separate trials.
+        """
+        gains = self.of(than).errors_of_windows - self.of(one).errors_of_windows
+        return agree(gains[np.isfinite(gains)])
+
+    def runs_agree(self, one: Scored, than: Scored) -> bool:
+        """Whether complete held-out recordings agree that a set predicts better than another."""
+        return agree(self.of(than).errors - self.of(one).errors)
 
     def is_likelier(self, one: Scored, than: Scored) -> bool:
         """Whether held-out recordings are certainly likelier with a set than with another, and agree on it.

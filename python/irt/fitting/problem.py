@@ -219,12 +219,14 @@ class Problem:
         ----------
         values : (k, n) array
             Parameters. The gears of all values must have the signs of the first.
-        noise : (k, 11) array
+        noise : (k, 14) array
             The tracker's white noise and its correlated noise [board edges], the correlation time of the
             latter [s], the spectral density of the marble's white acceleration noise [m^2/s^3], a correlated
             acceleration noise [m/s^2] and its correlation time [s], and the standard deviations of the
             coefficient of restitution, of the response times of the board, of marbles leaving a wall and of
-            marbles that break away from rest [s], and of the start velocity [m/s].
+            marbles that break away from rest [s], the white and correlated noise of the measured tilt [rad]
+            and the correlation time of the latter [s], all three zero without a measured tilt, and the
+            standard deviation of the start velocity [m/s].
         states : sequence of (s, 4) arrays, optional
             Known start states of the segments for each of the values, as in `Solution`; by default a marble
             starts at its first observed position, at rest on average.
@@ -240,7 +242,7 @@ class Problem:
     def smooth(self, values: Array, noise: Array, states: Array) -> Smoothed:
         """Estimate the missing push in each row from all rows by the fixed-interval smoother of `filter`.
 
-        Takes (n,) values, (11,) noise sizes and (s, 4) start states.
+        Takes (n,) values, (14,) noise sizes and (s, 4) start states.
         """
         ((asked, _),) = self._by_choice(values[None])
         found = _labsim.smoothed(
@@ -254,7 +256,7 @@ class Problem:
     def ascend(
         self, values: Array, noise: Array, states: Sequence[Array] | None = None, *, iterations: int = 30
     ) -> list[Probable]:
-        """Maximise the posterior from (k, n) values and (k, 11) noise sizes, as taken by `filter`.
+        """Maximise the posterior from (k, n) values and (k, 14) noise sizes, as taken by `filter`.
 
         The posterior of values and start states combines the filter's likelihood, in which the marble is
         pushed at random, with a prior that has the mean and variance of the parameters' ranges. Start states
@@ -274,7 +276,7 @@ class Problem:
     ) -> list[Probable]:
         """Maximise the posterior without each fold of the segments, from the maximum with all of them.
 
-        Takes (n,) values, (11,) noise sizes, (s, 4) start states and the fold of each segment, and returns a
+        Takes (n,) values, (14,) noise sizes, (s, 4) start states and the fold of each segment, and returns a
         maximum for each fold in ascending order. All folds share the first derivatives.
         """
         ((asked, _),) = self._by_choice(values[None])

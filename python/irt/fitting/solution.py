@@ -151,7 +151,7 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Filtered:
-    """One-step predictions of the marble.
+    """One-step predictions of the marble, and of the measured tilt.
 
     Attributes
     ----------
@@ -159,12 +159,18 @@ class Filtered:
         Positions predicted from all rows before [board edges]; empty if there are too few observations.
     variance : list of (n, 2) arrays
         Their variances [board edges squared]; NaN in first rows.
-    log_likelihood : (segments, 2) array
-        Log-likelihood of the observations along each axis [nats].
+    tilt : list of (n, 2) arrays
+        The measured tilt predicted from all rows before [rad]; empty if no segment has any.
+    tilt_variance : list of (n, 2) arrays
+        Variances of the measurements about these predictions [rad squared].
+    log_likelihood : (segments, 4) array
+        Log-likelihood of the observations [nats]: of the marble along each axis, of the tilt about each axis.
     """
 
     predicted: list[Array]
     variance: list[Array]
+    tilt: list[Array]
+    tilt_variance: list[Array]
     log_likelihood: Array
 
 

@@ -43,7 +43,7 @@ def select(dataset):
     ],
 )
 def test_noise_sizes_of_effects_are_zero_without_them(index, start, effects):
-    noise = np.full((2, 11), 0.5)
+    noise = np.full((2, 14), 0.5)
     noise[0, index] = 0.0
     assert of_effects(noise, ["viscous_drag", *effects])[:, index].tolist() == [start, 0.5]
     others = [RELEASE, KICK]

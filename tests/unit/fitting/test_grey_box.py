@@ -15,7 +15,7 @@ from irt.segments import segments
 TRUTH = np.array([0.06, 0.05, 0.0004, 20.0, 1.05])
 #: White and correlated noise of the tracker with its correlation time, white and correlated push with its
 #: correlation time, restitution, start velocity.
-NOISE = np.array([1e-3, 1e-5, 0.1, 1e-5, 1e-3, 0.2, 0.1, 0.0, 0.0, 0.0, 0.1])
+NOISE = np.array([1e-3, 1e-5, 0.1, 1e-5, 1e-3, 0.2, 0.1, *[0.0] * 6, 0.1])
 
 
 def problem_of(rig, *effects):

@@ -15,7 +15,7 @@ from irt.segments import segments
 TRUTH = np.array([0.06, 0.05, 0.0004, 20.0, 1.05])
 TRACKER = 3e-4
 #: As in `test_grey_box`; white push and noise of the tracker, no restitution.
-NOISE = np.array([TRACKER, 1e-5, 0.1, 1e-5, 1e-5, 0.2, 0.1, 0.0, 0.0, 0.0, 0.1])
+NOISE = np.array([TRACKER, 1e-5, 0.1, 1e-5, 1e-5, 0.2, 0.1, *[0.0] * 6, 0.1])
 
 
 def about(value, factor, place):

@@ -5,14 +5,15 @@
     reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
 )]
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector, Matrix4, SVector};
 use pulp::Arch;
 
-use super::channels::MARBLE;
 use super::scoring::{Slope, Start, Step};
 use super::windows::Windows;
 use crate::engine::TAIL;
-use crate::filter::log_density;
+use crate::filter::{Rows, log_density};
 
 /// Fisher's information in one innovation about the logarithm of its variance.
 const SPREAD: f64 = 0.5 * TAIL / (TAIL + 3.0);
@@ -23,30 +24,68 @@ pub(super) struct Innovation {
     pub(super) window: usize,
     pub(super) off: f64,
     pub(super) variance: f64,
+    /// Whether it is the tilt's.
+    pub(super) is_tilt: bool,
 }
 
-/// Innovations of each observation of a window's marble, along axes that change. A first row that is the start has
-/// none; other predictions may be no numbers, but are as many at all values.
+/// Innovations of each observation of a window's marble and tilt, along axes that change. A first row that is the
+/// start has none of the marble; other predictions may be no numbers, but are as many at all values.
 pub(super) fn innovations_of<'a>(
     windows: &'a Windows,
     number: usize,
-    predicted: &'a [[f64; 2]],
-    variance: &'a [[f64; 2]],
+    rows: Rows<'a>,
 ) -> impl Iterator<Item = Innovation> + 'a {
     let window = &windows.all[number];
-    let active = &windows.channels.active[MARBLE];
-    let known = &windows.known[window.marble()];
-    let observed = &windows.observed[window.marble()];
-    let places = (0..predicted.len()).flat_map(|row| [(row, 0), (row, 1)]);
-    places
-        .filter(move |&(row, axis)| {
-            active[axis] && known[2 * row + axis] && (row > 0 || variance[row][axis].is_finite())
-        })
-        .map(move |(row, axis)| Innovation {
+    let of_channels =
+        move |places: Range<usize>, predicted: &'a [[f64; 2]], variance: &'a [[f64; 2]]| {
+            let known = &windows.known[places.clone()];
+            let observed = &windows.observed[places];
+            let measured = (0..predicted.len()).flat_map(|row| [(row, 0), (row, 1)]);
+            measured
+                .filter(move |&(row, axis)| {
+                    known[2 * row + axis] && (row > 0 || variance[row][axis].is_finite())
+                })
+                .map(move |(row, axis)| {
+                    let off = observed[2 * row + axis] - predicted[row][axis];
+                    (off, variance[row][axis])
+                })
+        };
+    let of_kind = move |is_tilt: bool| {
+        move |(off, variance): (f64, f64)| Innovation {
             window: number,
-            off: observed[2 * row + axis] - predicted[row][axis],
-            variance: variance[row][axis],
-        })
+            off,
+            variance,
+            is_tilt,
+        }
+    };
+    let marble = of_channels(window.marble(), rows.marble, rows.variance).map(of_kind(false));
+    let tilt = of_channels(window.tilt(), rows.tilt, rows.tilt_variance).map(of_kind(true));
+    marble.chain(tilt)
+}
+
+/// Innovations after a step in which those of the tilt are from a larger step, of which they take a share.
+///
+/// The tilt of a board that follows its commands at once changes with a delay in steps of rows only.
+pub(super) fn with_share_of_tilt(
+    here: &[Innovation],
+    moved: &[Innovation],
+    farther: &[Innovation],
+    share: f64,
+) -> Vec<Innovation> {
+    let of_each = |(here, (moved, farther)): (&Innovation, (&Innovation, &Innovation))| {
+        if here.is_tilt {
+            Innovation {
+                off: here.off + share * (farther.off - here.off),
+                ..*here
+            }
+        } else {
+            *moved
+        }
+    };
+    here.iter()
+        .zip(moved.iter().zip(farther))
+        .map(of_each)
+        .collect()
 }
 
 /// Log-likelihood of observations.
@@ -198,6 +237,7 @@ impl Derivatives {
                 window,
                 off,
                 variance,
+                is_tilt: _,
             },
         ) in self.innovations.iter().enumerate()
         {

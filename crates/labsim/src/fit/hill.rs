@@ -4,7 +4,9 @@ use nalgebra::{DMatrix, DVector, Matrix4, SVector};
 
 use super::ascent::{Ascent, DAMPING, Look, Place, Probable};
 use super::coordinates::Coordinates;
-use super::derivatives::{Derivatives, Innovation, innovations_of, log_likelihood};
+use super::derivatives::{
+    Derivatives, Innovation, innovations_of, log_likelihood, with_share_of_tilt,
+};
 use super::prior::Prior;
 use super::random_sizes::{SIZES, of_sizes, sizes, with_sizes};
 use super::scoring::{Slope, Start, Step};
@@ -57,6 +59,8 @@ pub(super) struct Hill<'a> {
     sizes: Vec<usize>,
     /// The fold of each window; empty if none is left out.
     folds: Vec<usize>,
+    /// Coordinates that change the tilt in steps of rows only, and steps of a row.
+    of_rows: Vec<(usize, f64)>,
     /// Gain of a step at which an ascent ends [nats].
     little: f64,
 }
@@ -76,6 +80,7 @@ impl<'a> Hill<'a> {
             prior: Prior::new(coordinates),
             sizes: (0..SIZES).filter(|&i| is_sought(i)).collect(),
             folds: Vec::new(),
+            of_rows: shooting.row_steps(),
             little: LITTLE,
         }
     }
@@ -299,6 +304,12 @@ impl<'a> Hill<'a> {
                 let trial = self.shooting.trial(&z, &states, Some(updates));
                 trials.push((trial, place.noise));
             }
+            for &(i, step) in &self.of_rows {
+                let mut z = place.z.clone();
+                z[i] += step;
+                let trial = self.shooting.trial(&z, &states, Some(updates));
+                trials.push((trial, place.noise));
+            }
             for &i in &self.sizes {
                 let mut sizes = sizes(&place.noise);
                 sizes[i] *= SIZE_STEP.exp();
@@ -319,7 +330,11 @@ impl<'a> Hill<'a> {
         let mut next = || found.next().unwrap_or_default();
         let mut of_place = || {
             let here = next();
-            let values = (0..count).map(|_| (next(), STEP)).collect::<Vec<_>>();
+            let mut values = (0..count).map(|_| (next(), STEP)).collect::<Vec<_>>();
+            for &(i, step) in &self.of_rows {
+                let (moved, farther) = (&values[i].0, next());
+                values[i].0 = with_share_of_tilt(&here, moved, &farther, STEP / step);
+            }
             let sizes = self.sizes.iter().map(|_| (next(), SIZE_STEP));
             let common: Vec<_> = values.into_iter().chain(sizes).collect();
             let states = std::array::from_fn(|_| (next(), STATE_STEP));
@@ -455,7 +470,7 @@ impl<'a> Hill<'a> {
         )
     }
 
-    /// Innovations of each observation of the marble, along axes that change, without those of a fold.
+    /// Innovations of each observation, without those of a fold.
     fn innovations(
         &self,
         trials: &[(Trial, Noise)],
@@ -466,10 +481,10 @@ impl<'a> Hill<'a> {
         let trials: Vec<&Trial> = trials.iter().map(|(trial, _)| trial).collect();
         let mut innovations: Vec<Vec<Innovation>> = vec![Vec::new(); trials.len()];
         self.shooting
-            .predict(&trials, &noise, |[trial, window], predicted, variance| {
+            .predict(&trials, &noise, |[trial, window], rows| {
                 if left_out[trial].is_none_or(|fold| self.folds[window] != fold) {
                     let windows = self.shooting.windows;
-                    innovations[trial].extend(innovations_of(windows, window, predicted, variance));
+                    innovations[trial].extend(innovations_of(windows, window, rows));
                 }
             })?;
         Ok(innovations)

@@ -11,6 +11,7 @@ mod coordinates;
 mod cross_validation;
 mod derivatives;
 mod descent;
+mod filtered;
 mod grey_box;
 mod hill;
 mod information;
@@ -35,12 +36,12 @@ mod windows;
 use std::sync::atomic::AtomicBool;
 
 pub use self::ascent::Probable;
+pub use self::filtered::Filtered;
 pub use self::information::Information;
 pub use self::problem::{Hypothesis, ParameterSpec, Problem, Recording, Stretch};
 pub use self::refine::Refined;
 pub use self::robust::tracker_noise;
 pub use self::settings::{Progress, Settings};
-pub use self::shooting::Filtered;
 pub use self::shrinkage::Shrunk;
 
 use self::channels::{MARBLE, TILT};

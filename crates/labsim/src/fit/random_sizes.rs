@@ -4,12 +4,17 @@ use crate::noise::Noise;
 
 /// Bounds of the sizes: white error and correlated error (board edges), its correlation time (s), white acceleration
 /// (m²/s³), correlated acceleration (m/s²), its correlation time (s), restitution, delay jitter (s), departure from
-/// walls (s), and release from rest (s). Zero stays zero.
-const SMALLEST: [f64; SIZES] = [1e-6, 1e-6, 0.01, 1e-10, 1e-5, 0.03, 1e-3, 1e-5, 1e-4, 1e-4];
+/// walls (s), release from rest (s), and the tilt's white error and correlated error (rad) with its correlation time
+/// (s). Zero stays zero.
+const SMALLEST: [f64; SIZES] = [
+    1e-6, 1e-6, 0.01, 1e-10, 1e-5, 0.03, 1e-3, 1e-5, 1e-4, 1e-4, 1e-6, 1e-6, 0.01,
+];
 /// A restitution that is anywhere from 0 to 1 has a deviation of 0.3.
-const LARGEST: [f64; SIZES] = [0.1, 0.1, 5.0, 0.1, 1.0, 5.0, 0.3, 1.0, 1.0, 1.0];
+const LARGEST: [f64; SIZES] = [
+    0.1, 0.1, 5.0, 0.1, 1.0, 5.0, 0.3, 1.0, 1.0, 1.0, 0.3, 0.3, 5.0,
+];
 /// Number of estimated sizes: all but the start velocity, the last of a [`Noise`].
-pub(super) const SIZES: usize = 10;
+pub(super) const SIZES: usize = 13;
 
 /// The sizes that are estimated.
 pub(super) fn sizes(noise: &Noise) -> [f64; SIZES] {

@@ -14,8 +14,6 @@ use crate::board::SUBSTEP_S;
 use crate::effects::EffectInstance;
 use crate::engine::Hold;
 use crate::error::Result;
-use crate::filter::{Filter, Smoothed};
-use crate::noise::Noise;
 use crate::orientation::turned;
 use crate::parameters::{Parameters, SCALE, TIME};
 use crate::per_rollout::PerRollout;
@@ -33,22 +31,11 @@ pub(super) struct Shooting<'a> {
     pub(super) problem: &'a Problem<'a>,
     pub(super) coordinates: &'a Coordinates,
     pub(super) windows: &'a Windows,
-    cancel: &'a AtomicBool,
+    pub(super) cancel: &'a AtomicBool,
     /// Length of physics updates relative to the engine's own, for the stages before a solution. Stamped
     /// recordings always use the engine's own.
     coarseness: f64,
     rollouts: Cell<usize>,
-}
-
-/// Output of the filter for each stretch at some values.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Filtered {
-    /// Positions as predicted from all rows before (board edges); empty if the tracker has too few rows.
-    pub predicted: Vec<Vec<[f64; 2]>>,
-    /// Variances about them (board edges squared); NaN in first rows.
-    pub variance: Vec<Vec<[f64; 2]>>,
-    /// Log-likelihoods of the observations along each axis.
-    pub log_likelihood: Vec<[f64; 2]>,
 }
 
 impl<'a> Shooting<'a> {
@@ -193,7 +180,7 @@ impl<'a> Shooting<'a> {
     }
 
     /// Calls a function with the rollouts of trials over windows of the same length, trial after trial.
-    fn with_batch<T>(
+    pub(super) fn with_batch<T>(
         &self,
         trials: &[&Trial],
         rows: usize,
@@ -294,122 +281,6 @@ impl<'a> Shooting<'a> {
             seeds: PerRollout::Each(&seeds),
         };
         work(&batch)
-    }
-
-    /// Predicts each row of whole stretches from all rows before, with one noise for each trial. Calls with the numbers
-    /// of trial and stretch, the predictions and their variances; all trials have the same order of stretches.
-    pub(super) fn predict(
-        &self,
-        trials: &[&Trial],
-        noise: &[Noise],
-        mut take: impl FnMut([usize; 2], &[[f64; 2]], &[[f64; 2]]),
-    ) -> Result<()> {
-        self.with_filters(trials, noise, |filter, windows| {
-            let rows = filter.batch.rows;
-            let found = filter.run(self.problem.threads, self.cancel)?;
-            let marble = found.marble.chunks_exact(rows);
-            let of_rollouts = marble.zip(found.variance.chunks_exact(rows));
-            for (i, (marble, variance)) in of_rollouts.enumerate() {
-                take(
-                    [i / windows.len(), windows[i % windows.len()]],
-                    marble,
-                    variance,
-                );
-            }
-            Ok(())
-        })
-    }
-
-    /// As [`Shooting::predict`], with the likelihoods.
-    pub(super) fn filter(&self, trials: &[&Trial], noise: &[Noise]) -> Result<Vec<Filtered>> {
-        let none = || vec![Vec::new(); self.windows.all.len()];
-        let empty = || Filtered {
-            predicted: none(),
-            variance: none(),
-            log_likelihood: vec![[0.0; 2]; self.windows.all.len()],
-        };
-        let mut filtered: Vec<Filtered> = trials.iter().map(|_| empty()).collect();
-        self.with_filters(trials, noise, |filter, windows| {
-            let rows = filter.batch.rows;
-            let found = filter.run(self.problem.threads, self.cancel)?;
-            let likelihoods = filter.log_likelihoods(&found);
-            let of_rollouts = found
-                .marble
-                .chunks_exact(rows)
-                .zip(found.variance.chunks_exact(rows));
-            for (i, ((marble, variance), likelihood)) in of_rollouts.zip(likelihoods).enumerate() {
-                let (trial, window) = (i / windows.len(), windows[i % windows.len()]);
-                filtered[trial].predicted[window] = marble.to_vec();
-                filtered[trial].variance[window] = variance.to_vec();
-                filtered[trial].log_likelihood[window] = likelihood;
-            }
-            Ok(())
-        })?;
-        Ok(filtered)
-    }
-
-    /// Smoothed random accelerations of each stretch; empty if the tracker has too few rows.
-    pub(super) fn smooth(&self, trial: &Trial, noise: Noise) -> Result<Vec<Vec<[Smoothed; 2]>>> {
-        let mut smoothed = vec![Vec::new(); self.windows.all.len()];
-        self.with_filters(&[trial], &[noise], |filter, windows| {
-            let found = filter.smoothed(self.problem.threads, self.cancel)?;
-            for (rows, &window) in found.chunks_exact(filter.batch.rows).zip(windows) {
-                smoothed[window] = rows.to_vec();
-            }
-            Ok(())
-        })?;
-        Ok(smoothed)
-    }
-
-    /// Calls with the filters of stretches of one length, trial after trial, and the numbers of these stretches.
-    fn with_filters(
-        &self,
-        trials: &[&Trial],
-        noise: &[Noise],
-        mut work: impl FnMut(&Filter<'_>, &[usize]) -> Result<()>,
-    ) -> Result<()> {
-        let of_marble = self.windows.lengths.iter().filter(|((_, has), _)| *has);
-        for ((rows, _), indices) in of_marble {
-            let windows: Vec<&Window> = indices.iter().map(|&i| &self.windows.all[i]).collect();
-            // Axes with constant positions are ignored.
-            let active = &self.windows.channels.active[MARBLE];
-            let of_window = |window: &&Window| -> Vec<[f64; 2]> {
-                let seen = self.problem.recordings[window.recording].observed;
-                let rows = &seen[window.first..window.first + rows];
-                rows.iter()
-                    .map(|place| {
-                        std::array::from_fn(
-                            |axis| if active[axis] { place[axis] } else { f64::NAN },
-                        )
-                    })
-                    .collect()
-            };
-            let seen: Vec<Vec<[f64; 2]>> = windows.iter().map(of_window).collect();
-            let observed: Vec<&[[f64; 2]]> = seen.iter().map(Vec::as_slice).collect();
-            let observed = observed.repeat(trials.len());
-            let noise: Vec<Noise> = noise
-                .iter()
-                .flat_map(|noise| {
-                    windows.iter().map(|window| {
-                        let start_velocity = noise.start_velocity;
-                        Noise {
-                            start_velocity: start_velocity
-                                .map(|size| if window.at_rest { 0.0 } else { size }),
-                            ..*noise
-                        }
-                    })
-                })
-                .collect();
-            self.with_batch(trials, *rows, (indices, &windows), |batch| {
-                let filter = Filter {
-                    batch: *batch,
-                    observed: PerRollout::Of(&observed),
-                    noise: PerRollout::Each(&noise),
-                };
-                work(&filter, indices)
-            })?;
-        }
-        Ok(())
     }
 
     /// Simulates a batch, with the tilt if it is in use.

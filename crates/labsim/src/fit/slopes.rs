@@ -170,7 +170,11 @@ impl Shooting<'_> {
         let along = (0..tail).map(Column::Along);
         let leans = (tail..self.coordinates.len()).take(2);
         let leans = leans.map(|i| Column::Lean(i - tail));
-        let delays = self.stepped_delays(look).into_iter().map(Column::Row);
+        let delays = match look {
+            Look::Careful => Vec::new(),
+            _ => self.stepped_delays(),
+        };
+        let delays = delays.into_iter().map(Column::Row);
         along
             .chain(leans)
             .chain(delays)
@@ -181,11 +185,10 @@ impl Shooting<'_> {
 
     /// Coordinates of delays that change the tilt in steps of rows only, because the knob follows a command
     /// at once. A finite difference of less than a row sees no change along them.
-    fn stepped_delays(&self, look: Look) -> Vec<usize> {
+    fn stepped_delays(&self) -> Vec<usize> {
         let problem = self.problem;
         let moves = |acts: Hook| acts == Hook::OnKnob { moves: true };
-        if look == Look::Careful
-            || !self.windows.channels.has_tilt()
+        if !self.windows.channels.has_tilt()
             || problem.effects.iter().any(|one| moves(one.effect.acts))
         {
             return Vec::new();
@@ -196,6 +199,20 @@ impl Shooting<'_> {
             .flat_map(|(_, slots)| slots)
             .filter_map(|slot| self.coordinates.find(slot))
             .collect()
+    }
+
+    /// Steps of a row along those coordinates, if recordings are stamped.
+    pub(super) fn row_steps(&self) -> Vec<(usize, f64)> {
+        let Some(row_s) = self.row_s() else {
+            return Vec::new();
+        };
+        let of_delay = |i| (i, self.coordinates.per_unit(i, row_s));
+        self.stepped_delays().into_iter().map(of_delay).collect()
+    }
+
+    /// Duration of a row (s) if recordings are stamped.
+    fn row_s(&self) -> Option<f64> {
+        self.windows.all.first().and_then(|window| window.row_s)
     }
 
     /// A trial with a step along one direction, and the step's length: zero where bounds forbid it. The `free`
@@ -256,9 +273,7 @@ impl Shooting<'_> {
                 )
             }
             Column::Row(i) => {
-                let windows = &self.windows.all;
-                let row_s = windows.first().and_then(|window| window.row_s);
-                let row_s = row_s.unwrap_or(centre.values[TIME] * SUBSTEP_S);
+                let row_s = self.row_s().unwrap_or(centre.values[TIME] * SUBSTEP_S);
                 let step = fineness.signum() * self.coordinates.per_unit(i, row_s);
                 let mut z = z.to_vec();
                 z[i] += step;

@@ -28,6 +28,9 @@ pub(crate) fn noise() -> Noise {
         jitter: 0.0,
         departure: 0.0,
         release: 0.0,
+        tilt_white: 0.0,
+        tilt_lasting: 0.0,
+        tilt_lasting_s: 0.0,
         start_velocity: Some(0.1),
     }
 }
@@ -42,8 +45,8 @@ pub(crate) fn filtered(
 ) -> (Predictions, [f64; 2]) {
     with_filter(values, effects, commands, observed, noise, |filter| {
         let predictions = filter.run(Some(1), &AtomicBool::new(false)).unwrap();
-        let likelihood = filter.log_likelihoods(&predictions)[0];
-        (predictions, likelihood)
+        let [x, y, ..] = filter.log_likelihoods(&predictions)[0];
+        (predictions, [x, y])
     })
 }
 
@@ -66,6 +69,7 @@ pub(crate) fn with_filter<T>(
             ..Batch::new(&rig, &parameters, commands)
         },
         observed: PerRollout::Shared(observed),
+        tilt: None,
         noise: PerRollout::Shared(&[noise]),
     })
 }
@@ -165,6 +169,7 @@ proptest! {
         let start_velocity = Some(start_velocity);
         let noise = Noise {
             white, lasting, lasting_s, push, pull, pull_s, restitution: 0.3, jitter, departure: 0.1, release: 0.1, start_velocity,
+            ..noise()
         };
         let values = [0.02, 0.03, 0.0, 12.0, 1.1];
         let commands: Vec<[f64; 2]> = (0..25).map(|i| [0.05 * f64::from(i % 5), -0.03]).collect();
@@ -246,6 +251,7 @@ proptest! {
             jitter: sizes[8],
             departure: sizes[8],
             release: sizes[8],
+            ..noise()
         };
         let values = [values.0, values.1, values.2, values.3, values.4];
         let commands: Vec<[f64; 2]> = (0..40)
@@ -314,7 +320,7 @@ fn sizes_and_their_array_are_the_same_noise() {
             start_velocity,
             ..noise()
         };
-        let sizes = <[f64; 11]>::from(one);
+        let sizes = <[f64; 14]>::from(one);
         assert_eq!(sizes[7], 0.03);
         assert_eq!(Noise::from(sizes), one);
     }
@@ -423,6 +429,7 @@ fn threads_and_neighbours_change_no_bit() {
                 ..Batch::new(&rig, &parameters, &commands)
             },
             observed: PerRollout::Shared(&observed),
+            tilt: None,
             noise: PerRollout::Shared(&[noise()]),
         };
         filter.run(Some(threads), &AtomicBool::new(false)).unwrap()

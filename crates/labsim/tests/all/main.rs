@@ -5,6 +5,7 @@ mod effects;
 mod effects_theory;
 mod filter;
 mod filter_contacts;
+mod filter_tilt;
 mod fit;
 mod fleet;
 mod maze;

@@ -61,6 +61,9 @@ fn top_with_jitter(
         jitter,
         departure: 0.0,
         release: 0.0,
+        tilt_white: 0.0,
+        tilt_lasting: 0.0,
+        tilt_lasting_s: 0.0,
         start_velocity: Some(0.1),
     };
     // The hill has several tops: with a large push it is smooth, and lower ones hold no longer. A complete model has

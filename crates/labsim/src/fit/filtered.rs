@@ -1,0 +1,187 @@
+//! Filters over whole stretches: predictions of each row from all rows before, of many candidates in one batch.
+
+use super::channels::{MARBLE, TILT};
+use super::shooting::Shooting;
+use super::trial::Trial;
+use super::windows::Window;
+use crate::effects::effect;
+use crate::error::Result;
+use crate::filter::{Filter, MeasuredTilt, Rows, Smoothed};
+use crate::noise::Noise;
+use crate::per_rollout::PerRollout;
+
+/// Output of the filter for each stretch at some values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Filtered {
+    /// Positions as predicted from all rows before (board edges); empty if the tracker has too few rows.
+    pub predicted: Vec<Vec<[f64; 2]>>,
+    /// Variances about them (board edges squared); NaN in first rows.
+    pub variance: Vec<Vec<[f64; 2]>>,
+    /// The measured tilt as predicted from all rows before (rad); empty without one.
+    pub tilt: Vec<Vec<[f64; 2]>>,
+    /// Variances about that (rad²).
+    pub tilt_variance: Vec<Vec<[f64; 2]>>,
+    /// Log-likelihoods of the observations: the marble along both axes, the tilt about both.
+    pub log_likelihood: Vec<[f64; 4]>,
+}
+
+impl Shooting<'_> {
+    /// Predicts each row of whole stretches from all rows before, with one noise for each trial. Calls with the numbers
+    /// of trial and stretch, and the rows; all trials have the same order of stretches.
+    pub(super) fn predict(
+        &self,
+        trials: &[&Trial],
+        noise: &[Noise],
+        mut take: impl FnMut([usize; 2], Rows<'_>),
+    ) -> Result<()> {
+        self.with_filters(trials, noise, |filter, windows| {
+            let rows = filter.batch.rows;
+            let found = filter.run(self.problem.threads, self.cancel)?;
+            for i in 0..trials.len() * windows.len() {
+                let which = [i / windows.len(), windows[i % windows.len()]];
+                take(which, found.of_rollout(i, rows));
+            }
+            Ok(())
+        })
+    }
+
+    /// As [`Shooting::predict`], with the likelihoods.
+    pub(super) fn filter(&self, trials: &[&Trial], noise: &[Noise]) -> Result<Vec<Filtered>> {
+        let none = || vec![Vec::new(); self.windows.all.len()];
+        let empty = || Filtered {
+            predicted: none(),
+            variance: none(),
+            tilt: none(),
+            tilt_variance: none(),
+            log_likelihood: vec![[0.0; 4]; self.windows.all.len()],
+        };
+        let mut filtered: Vec<Filtered> = trials.iter().map(|_| empty()).collect();
+        self.with_filters(trials, noise, |filter, windows| {
+            let rows = filter.batch.rows;
+            let found = filter.run(self.problem.threads, self.cancel)?;
+            let likelihoods = filter.log_likelihoods(&found);
+            for (i, likelihood) in likelihoods.into_iter().enumerate() {
+                let (trial, window) = (i / windows.len(), windows[i % windows.len()]);
+                let (all, own) = (&mut filtered[trial], found.of_rollout(i, rows));
+                all.predicted[window] = own.marble.to_vec();
+                all.variance[window] = own.variance.to_vec();
+                all.tilt[window] = own.tilt.to_vec();
+                all.tilt_variance[window] = own.tilt_variance.to_vec();
+                all.log_likelihood[window] = likelihood;
+            }
+            Ok(())
+        })?;
+        Ok(filtered)
+    }
+
+    /// Smoothed random accelerations of each stretch; empty if the tracker has too few rows.
+    pub(super) fn smooth(&self, trial: &Trial, noise: Noise) -> Result<Vec<Vec<[Smoothed; 2]>>> {
+        let mut smoothed = vec![Vec::new(); self.windows.all.len()];
+        self.with_filters(&[trial], &[noise], |filter, windows| {
+            let found = filter.smoothed(self.problem.threads, self.cancel)?;
+            for (rows, &window) in found.chunks_exact(filter.batch.rows).zip(windows) {
+                smoothed[window] = rows.to_vec();
+            }
+            Ok(())
+        })?;
+        Ok(smoothed)
+    }
+
+    /// Prior standard deviations of gain and zero (rad) of the tilt sensor in each stretch, from their plausible
+    /// ranges.
+    ///
+    /// The gain is the same in all stretches. One of its own for each, with a deviation larger by the root of their
+    /// number, says as much about the gears.
+    fn sensor(&self) -> Result<[f64; 2]> {
+        let parameters = effect("tilt_sensor")?.parameters;
+        let deviation = |name: &str| {
+            let found = parameters.iter().find(|one| one.name == name);
+            found.map_or(0.0, |one| (one.range.1 - one.range.0) / 12.0_f64.sqrt())
+        };
+        let stretches = self.windows.all.len() as f64;
+        Ok([
+            deviation("gain_x") * stretches.sqrt(),
+            deviation("zero_x_rad"),
+        ])
+    }
+
+    /// Calls with the filters of stretches of one length, trial after trial, and the numbers of these stretches.
+    fn with_filters(
+        &self,
+        trials: &[&Trial],
+        noise: &[Noise],
+        mut work: impl FnMut(&Filter<'_>, &[usize]) -> Result<()>,
+    ) -> Result<()> {
+        let has_tilt = self.windows.channels.has_tilt();
+        let sensor = has_tilt.then(|| self.sensor()).transpose()?;
+        let of_marble = self.windows.lengths.iter().filter(|((_, has), _)| *has);
+        for ((rows, _), indices) in of_marble {
+            let windows: Vec<&Window> = indices.iter().map(|&i| &self.windows.all[i]).collect();
+            // Axes with constant positions are ignored.
+            let active = &self.windows.channels.active;
+            let seen: Vec<Vec<[f64; 2]>> = windows
+                .iter()
+                .map(|window| {
+                    let seen = self.problem.recordings[window.recording].observed;
+                    of_axes(&seen[window.first..window.first + rows], &active[MARBLE])
+                })
+                .collect();
+            let tilts: Vec<Vec<[f64; 2]>> = windows
+                .iter()
+                .map(
+                    |window| match self.problem.recordings[window.recording].tilt {
+                        Some(tilt) => {
+                            of_axes(&tilt[window.first..window.first + rows], &active[TILT])
+                        }
+                        None => vec![[f64::NAN; 2]; *rows],
+                    },
+                )
+                .collect();
+            let (observed, tilt) = (
+                repeated(&seen, trials.len()),
+                repeated(&tilts, trials.len()),
+            );
+            let noise: Vec<Noise> = noise
+                .iter()
+                .flat_map(|noise| {
+                    windows.iter().map(|window| {
+                        let start_velocity = noise.start_velocity;
+                        Noise {
+                            start_velocity: start_velocity
+                                .map(|size| if window.at_rest { 0.0 } else { size }),
+                            ..*noise
+                        }
+                    })
+                })
+                .collect();
+            self.with_batch(trials, *rows, (indices, &windows), |batch| {
+                let filter = Filter {
+                    batch: *batch,
+                    observed: PerRollout::Of(&observed),
+                    tilt: sensor.map(|[gain, zero]| MeasuredTilt {
+                        rows: PerRollout::Of(&tilt),
+                        gain,
+                        zero,
+                    }),
+                    noise: PerRollout::Each(&noise),
+                };
+                work(&filter, indices)
+            })?;
+        }
+        Ok(())
+    }
+}
+
+/// Rows with no number along axes that are ignored.
+fn of_axes(rows: &[[f64; 2]], active: &[bool]) -> Vec<[f64; 2]> {
+    let known = |axis: usize, value: f64| if active[axis] { value } else { f64::NAN };
+    rows.iter()
+        .map(|row| std::array::from_fn(|axis| known(axis, row[axis])))
+        .collect()
+}
+
+/// The rows of all windows, once for each trial.
+fn repeated(all: &[Vec<[f64; 2]>], trials: usize) -> Vec<&[[f64; 2]]> {
+    let one: Vec<&[[f64; 2]]> = all.iter().map(Vec::as_slice).collect();
+    one.repeat(trials)
+}

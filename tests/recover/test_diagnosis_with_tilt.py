@@ -1,0 +1,55 @@
+"""A measured tilt decides what the marble's path alone cannot, and only that."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irt import diagnose
+from irt.rig import TiltSensor
+from tilted_rigs import TILT_NOISE_RAD, rig_of, tilted_recordings
+
+#: Dead time and lag of a servo: the marble shows little more than their sum.
+SERVO = ({"name": "delay", "delay_s": 0.08}, {"name": "lag", "time_constant_s": 0.07})
+
+
+def tilted(effects=(), *, gain=1.0):
+    """Return a rig in motion whose tilt is measured with this gain."""
+    recordings = [replace(one, tilt=one.tilt * gain) for one in tilted_recordings(effects, runs=5, rows=150)]
+    return replace(rig_of(recordings), tilt=TiltSensor(noise_rad=TILT_NOISE_RAD))
+
+
+@pytest.fixture(scope="module")
+def servo():
+    return diagnose(tilted(SERVO))
+
+
+def test_dead_time_and_lag_of_a_servo_are_both_found(servo):
+    found = {one.name: one for one in servo.effects}
+    assert set(found) == {"delay", "lag"}
+    for name, key, truth in (("delay", "delay_s", 0.08), ("lag", "time_constant_s", 0.07)):
+        parameter = found[name].parameters[key]
+        assert parameter.low <= truth <= parameter.high
+        assert parameter.high - parameter.low < 0.02
+        assert "latency" not in found[name].confusable_with
+
+
+def test_it_is_predicted_in_recordings_that_were_held_out(servo):
+    (said,) = [note for note in servo.notes if "measured tilt" in note]
+    assert said.startswith(
+        "From the commands alone, the answer predicts the measured tilt of held-out recordings"
+    )
+    assert "contradicts" not in said
+    assert "do more than that" not in said
+
+
+def test_the_gain_and_the_zero_of_the_sensor_are_no_missing_physics():
+    found = diagnose(tilted(gain=1.15))
+    assert found.verdict == "sufficient", found.summary
+
+
+def test_a_tilt_that_stands_still_changes_nothing():
+    rig = tilted(SERVO)
+    still = tuple(replace(one, tilt=np.zeros_like(one.tilt)) for one in rig.recordings)
+    with_still, without = diagnose(replace(rig, recordings=still)), diagnose(rig.of_marbles())
+    assert with_still.summary == without.summary
