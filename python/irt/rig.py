@@ -189,28 +189,19 @@ class Rig:
         """Whether the board's tilt was measured in any recording."""
         return any(recording.has_tilt for recording in self.recordings)
 
-    def of_marbles(self) -> Rig:
-        """Return the rig of the recordings with a marble, without the tilt: for what looks at places alone.
+    def of_marbles(self, *, with_tilt: bool = False) -> Rig:
+        """Return the rig of the recordings with a marble, by default without the tilt.
 
         Raises
         ------
         IrtError
             If no recording has a marble.
         """
-        rig = self.with_marbles()
-        if not rig.has_tilt:
-            return rig
-        return replace(rig, recordings=tuple(replace(one, tilt=None) for one in rig.recordings))
-
-    def with_marbles(self) -> Rig:
-        """Return the rig of the recordings with a marble.
-
-        Raises
-        ------
-        IrtError
-            If no recording has one.
-        """
-        kept = tuple(one for one in self.recordings if one.has_marble)
+        kept = tuple(
+            one if one.tilt is None or with_tilt else replace(one, tilt=None)
+            for one in self.recordings
+            if one.has_marble
+        )
         if kept == self.recordings:
             return self
         if not kept:

@@ -53,3 +53,10 @@ def test_a_tilt_that_stands_still_changes_nothing():
     still = tuple(replace(one, tilt=np.zeros_like(one.tilt)) for one in rig.recordings)
     with_still, without = diagnose(replace(rig, recordings=still)), diagnose(rig.of_marbles())
     assert with_still.summary == without.summary
+
+
+def test_a_late_picture_is_no_late_command():
+    (found,) = diagnose(tilted([{"name": "latency", "latency_s": 0.07}])).effects
+    assert (found.name, found.confusable_with) == ("latency", ())
+    parameter = found.parameters["latency_s"]
+    assert parameter.low <= 0.07 <= parameter.high

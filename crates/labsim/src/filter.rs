@@ -85,14 +85,17 @@ impl Filter<'_> {
         self.check()?;
         let measured = (self.observed, self.noise);
         let wanted = Wanted {
-            tilt: self.tilt.is_some(),
+            tilt: self.tilt.is_some_and(|tilt| tilt.predicted.is_none()),
             corrections: false,
         };
         let mut all = self.batch.filtered(measured, wanted, threads, cancel)?;
-        let tilt_variance = match self.tilt {
-            Some(measured) => self.predict_tilt(&measured, &mut all.tilt, threads)?,
-            None => Vec::new(),
-        };
+        let mut tilt_variance = Vec::new();
+        if let Some(measured) = self.tilt {
+            if let Some(predicted) = measured.predicted {
+                all.tilt = predicted.to_vec();
+            }
+            tilt_variance = self.predict_tilt(&measured, &mut all.tilt, threads)?;
+        }
         Ok(Predictions {
             marble: all.marble,
             variance: all.variance,
@@ -166,6 +169,10 @@ impl Filter<'_> {
         self.noise.check("noise", rollouts, 1)?;
         if let Some(tilt) = self.tilt {
             tilt.rows.check("tilt", rollouts, self.batch.rows)?;
+            if let Some(predicted) = tilt.predicted {
+                let all = PerRollout::Each(predicted);
+                all.check("predicted tilt", rollouts, self.batch.rows)?;
+            }
         }
         (0..rollouts).try_for_each(|rollout| {
             let noise = &self.noise.of(rollout, 1)[0];

@@ -124,7 +124,7 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path, notes: Seque
     from irt.report.diagnosed import write_diagnosis
 
     print_warnings(rig, args.threads)
-    with_marbles = rig.with_marbles()
+    with_marbles = rig.of_marbles(with_tilt=True)
     folder = results_folder(folder, ("model.toml", "diagnosis.json", "report.html"))
     unfinished = _unfinished(folder / UNFINISHED, with_marbles, args.seed)
     try:
@@ -166,7 +166,11 @@ def _diagnose_many(args: argparse.Namespace, rigs: Mapping[str, Rig], folders: M
     workers = make_workers(args.jobs, args.cluster)
     for folder in folders.values():
         make_folder(folder)
-    left = [name for name, rig in rigs.items() if not _is_done(folders[name], rig.with_marbles(), args.seed)]
+    left = [
+        name
+        for name, rig in rigs.items()
+        if not _is_done(folders[name], rig.of_marbles(with_tilt=True), args.seed)
+    ]
     inputs = {name: _files(rigs[name].path) for name in left}
     failed = {}
     try:

@@ -8,7 +8,7 @@ from __future__ import annotations
 PUSHES = (1e-8, 1e-6, 1e-4, 1e-2)
 #: Standard deviation of the start velocity [m/s]: a marble that is let go, or rolls at the start.
 START_VELOCITY = 0.3
-#: Initial white and correlated noise of the measured tilt [rad], and correlation time of the latter [s]: those
+#: Initial white and correlated noise of the measured tilt [rad], and correlation time of the latter [s]: as
 #: of markers under a webcam, and of servos that follow.
 TILT = (1e-3, 3e-3, 0.2)
 #: Initial spinning friction [radii]; the middle value is that of steel on wood, by Hertz.

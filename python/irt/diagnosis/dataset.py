@@ -140,7 +140,7 @@ class Dataset:
         IrtError
             If only some recordings are stamped.
         """
-        digest = rig.with_marbles().digest
+        digest = rig.of_marbles(with_tilt=True).digest
         tilts = {one.name: compared_tilt(one) for one in rig.recordings}
         rig = rig.of_marbles()
         cut = tuple(segments(rig))

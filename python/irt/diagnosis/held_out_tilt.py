@@ -59,7 +59,7 @@ class TiltPredictions:
             if _names(other) != own:
                 off = self._off([other] * len(self.recordings))
                 text += f"; with {_difference(_names(other), own)} to {_pair(off)}"
-        if (after**2).sum() > (before**2).sum():
+        if np.hypot(*after) > (1.0 + config.EXCEEDS) * np.hypot(*before):
             return f"{text}. So it contradicts what the answer says of the actuators."
         if self.noise_rad is not None and (after > 1000.0 * (1.0 + config.EXCEEDS) * self.noise_rad).any():
             noise = f"{1000.0 * self.noise_rad:.2g} mrad"

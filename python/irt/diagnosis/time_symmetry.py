@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 
 #: Powers of the time scale with which the five parameters change along the symmetry.
 _POWERS = dict(zip(PARAMETERS, (-2.0, -2.0, -2.0, 1.0, 0.0), strict=True))
-#: The same of the noise sizes, as taken by `Problem.filter`.
-_OF_NOISE = np.array([0.0, 0.0, 1.0, -3.0, -2.0, 1.0, 0.0, 1.0, 1.0, 1.0, -1.0])
+#: The same of the noise sizes, as taken by `Problem.filter`. A tilt is measured beside stamps alone.
+_OF_NOISE = np.array([0.0, 0.0, 1.0, -3.0, -2.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, -1.0])
 _TIME_SCALE = PARAMETERS.index("time_scale")
 #: Factor by which a fit may at most leave a range, as in the engine (`fit/axis.rs`).
 REACH = 3.0

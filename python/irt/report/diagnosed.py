@@ -112,7 +112,7 @@ def main(words: Sequence[str]) -> int:
     try:
         path = Path((folder / "path").read_text(encoding="utf-8"))
         rig = replace(load_rig(folder / "rig"), path=path).first_rows(MOST_ROWS)
-        write_diagnosis(out, rig.with_marbles(), diagnose(rig, seed=seed, threads=1))
+        write_diagnosis(out, rig.of_marbles(with_tilt=True), diagnose(rig, seed=seed, threads=1))
     except IrtError as error:
         print(error, file=sys.stderr)
         return 1

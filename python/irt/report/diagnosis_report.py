@@ -40,6 +40,7 @@ from irt.report.learned import terms_table
 from irt.report.learned_plots import learned_pictures
 from irt.report.page import Picture, write_page
 from irt.report.plots import PERCENT
+from irt.report.tilt_picture import tilt_picture
 from irt.report.words import (
     counted,
     explained,
@@ -204,6 +205,7 @@ class _Report:
             "power": tables.power(diagnosis, self.stated),
             "runs": tables.runs(diagnosis, stamped=self.stamped) if diagnosis.runs else None,
             "boards": self._boards(),
+            "tilt": tilt_picture(self.folder, self.rig, diagnosis.runs),
             "where": tables.where(diagnosis),
             "push": self._push(),
             "maps": [*self._maps(), *self._errors()] if diagnosis.runs else [],
@@ -248,11 +250,9 @@ class _Report:
         }
         learned = one.name == UNLISTED
         content["terms"] = terms_table(one, row_s) if learned else None
-        content["pictures"] = self._learned_pictures(one) if learned else []
+        shown = (self.folder, one, self.rig, self.diagnosis, self.row_s)
+        content["pictures"] = learned_pictures(*shown, stamped=self.stamped) if learned else []
         return content
-
-    def _learned_pictures(self, one: NamedEffect) -> list[Picture]:
-        return learned_pictures(self.folder, one, self.rig, self.diagnosis, self.row_s, stamped=self.stamped)
 
     def _boards(self) -> list[Picture]:
         """Draw each run from above."""

@@ -17,6 +17,8 @@ use crate::per_rollout::PerRollout;
 pub struct MeasuredTilt<'a> {
     /// Angles about x and y (rad), `rows` pairs; NaN in rows without.
     pub rows: PerRollout<'a, [f64; 2]>,
+    /// The tilt without the sensor's errors (rad), `rows` pairs; by default that of the filter's rollouts.
+    pub predicted: Option<&'a [[f64; 2]]>,
     /// Prior standard deviation of the sensor's gain in each rollout.
     pub gain: f64,
     /// Prior standard deviation of its zero in each rollout (rad).

@@ -4,11 +4,13 @@ use super::channels::{MARBLE, TILT};
 use super::shooting::Shooting;
 use super::trial::Trial;
 use super::windows::Window;
-use crate::effects::effect;
+use crate::effects::{EffectInstance, EffectSpec, effect};
+use crate::engine::Engine;
 use crate::error::Result;
 use crate::filter::{Filter, MeasuredTilt, Rows, Smoothed};
 use crate::noise::Noise;
 use crate::per_rollout::PerRollout;
+use crate::rollout::Batch;
 
 /// Output of the filter for each stretch at some values.
 #[derive(Debug, Clone, PartialEq)]
@@ -155,11 +157,27 @@ impl Shooting<'_> {
                 })
                 .collect();
             self.with_batch(trials, *rows, (indices, &windows), |batch| {
+                let late = if has_tilt {
+                    late_commands(batch)?
+                } else {
+                    None
+                };
+                let late = late.as_ref().map(LateCommands::effects);
+                let mut predicted = None;
+                if late.is_some() {
+                    let threads = self.problem.threads;
+                    let found = batch.run_with_tilt(Engine::Rolling, threads, self.cancel)?;
+                    predicted = Some(found.tilt);
+                }
                 let filter = Filter {
-                    batch: *batch,
+                    batch: Batch {
+                        effects: late.as_deref().unwrap_or(batch.effects),
+                        ..*batch
+                    },
                     observed: PerRollout::Of(&observed),
                     tilt: sensor.map(|[gain, zero]| MeasuredTilt {
                         rows: PerRollout::Of(&tilt),
+                        predicted: predicted.as_deref(),
                         gain,
                         zero,
                     }),
@@ -169,6 +187,54 @@ impl Shooting<'_> {
             })?;
         }
         Ok(())
+    }
+}
+
+/// Effects of rollouts whose commands are late by the age of the pictures.
+struct LateCommands<'a> {
+    others: Vec<EffectInstance<'a>>,
+    delay: &'static EffectSpec,
+    /// Values of the delay in each rollout.
+    values: Vec<f64>,
+}
+
+/// The effects of a batch with a latency of its pictures as a delay of its commands; none without a latency.
+///
+/// In both the marble is seen at the same places. A filter takes an observation for one of the present, and only
+/// with late commands it is. The tilt is not late with a latency.
+fn late_commands<'a>(batch: &Batch<'a>) -> Result<Option<LateCommands<'a>>> {
+    let rollouts = batch.parameters.len();
+    let named = |name: &str| batch.effects.iter().find(|one| one.effect.name == name);
+    let Some(latency) = named("latency") else {
+        return Ok(None);
+    };
+    let spec = effect("delay")?;
+    let count = spec.parameters.len();
+    let mut values = Vec::with_capacity(rollouts * count);
+    for rollout in 0..rollouts {
+        let first = values.len();
+        match named("delay") {
+            Some(delay) => values.extend_from_slice(delay.values.of(rollout, count)),
+            None => values.extend(spec.parameters.iter().map(|one| one.neutral)),
+        }
+        values[first] += latency.values.of(rollout, 1)[0];
+    }
+    let others = batch.effects.iter().copied();
+    let others = others.filter(|one| !["latency", "delay"].contains(&one.effect.name));
+    Ok(Some(LateCommands {
+        others: others.collect(),
+        delay: spec,
+        values,
+    }))
+}
+
+impl LateCommands<'_> {
+    fn effects(&self) -> Vec<EffectInstance<'_>> {
+        let delay = EffectInstance {
+            effect: self.delay,
+            values: PerRollout::Each(&self.values),
+        };
+        self.others.iter().copied().chain([delay]).collect()
     }
 }
 

@@ -53,6 +53,7 @@ fn filtered(
             observed: PerRollout::Shared(marble),
             tilt: tilt.map(|(rows, [gain, zero])| MeasuredTilt {
                 rows: PerRollout::Shared(rows),
+                predicted: None,
                 gain,
                 zero,
             }),
