@@ -7,7 +7,7 @@ import pytest
 
 from irt import diagnose
 from irt.rig import TiltSensor
-from tilted_rigs import TILT_NOISE_RAD, rig_of, tilted_recordings
+from tilted_rigs import TILT_NOISE_RAD, ZERO, rig_of, tilted_recordings
 
 #: Dead time and lag of a servo: the marble shows little more than their sum.
 SERVO = ({"name": "delay", "delay_s": 0.08}, {"name": "lag", "time_constant_s": 0.07})
@@ -60,3 +60,10 @@ def test_a_late_picture_is_no_late_command():
     assert (found.name, found.confusable_with) == ("latency", ())
     parameter = found.parameters["latency_s"]
     assert parameter.low <= 0.07 <= parameter.high
+
+
+def test_the_model_has_the_zero_of_the_sensor(servo):
+    (sensor,) = [one for one in servo.model.effects if one.name == "tilt_sensor"]
+    for axis, truth in zip("xy", ZERO, strict=True):
+        assert sensor.parameters[f"zero_{axis}_rad"] == pytest.approx(truth, abs=5e-4)
+    assert servo.model.sample(3, seed=0) is not None

@@ -16,7 +16,7 @@ from irt.diagnosis import config, words
 from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.detectability import detectability
-from irt.diagnosis.held_out_tilt import TiltPredictions
+from irt.diagnosis.held_out_tilt import TiltPredictions, with_sensor
 from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_of
 from irt.diagnosis.latent_force import LatentForce, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
@@ -37,7 +37,7 @@ from irt.diagnosis.result import (
     Share,
     Verdict,
 )
-from irt.diagnosis.score import LASTING, SCALE_OF_NORMAL, WHITE, Scored, Scores
+from irt.diagnosis.score import LASTING, LASTING_S, SCALE_OF_NORMAL, WHITE, Scored, Scores
 from irt.diagnosis.sessions import Difference, differences, sentences
 from irt.diagnosis.sets import Posterior, probabilities
 from irt.diagnosis.terms import AT_RIM
@@ -95,7 +95,9 @@ class Answer:
         base, answer = self._base_proof, self._proof
         is_held_out = answer.is_proof
         final = answer.runs[0].model
-        simulated = twins_of(dataset.rig, final, self._noise, dataset.seed)
+        white, lasting, lasting_s = best.noise[[WHITE, LASTING, LASTING_S]].tolist()
+        sizes = (white / SCALE_OF_NORMAL, lasting / SCALE_OF_NORMAL, lasting_s)
+        simulated = twins_of(dataset.rig, final, sizes, dataset.seed)
         twins = evaluate(final, simulated, dataset.horizon_s(final))
         without = {name: self._without(name) for name in self._ordered(best.effects) if order}
         shares = budget(base, answer, without, twins.runs) if is_held_out else ()
@@ -118,9 +120,9 @@ class Answer:
             final_mae=_free_run(best),
             base_heldout_mae=base.mae if is_held_out else float("nan"),
             final_heldout_mae=answer.mae if is_held_out else float("nan"),
-            base=_model(self._base, self._relevance.parameters(self._base)[0]),
+            base=with_sensor(_model(self._base, self._relevance.parameters(self._base)[0]), self._measured),
             model=replace(
-                _model(best, self._parameters),
+                with_sensor(_model(best, self._parameters), self._measured),
                 posterior=posterior(self._likely(tied), self._proof, self._parameters),
             ),
             indistinguishable=tuple(one.scored.fitted.model for one in tied),
@@ -165,6 +167,12 @@ class Answer:
     def _recordings(self) -> list[str]:
         """Names of the recordings that were held out, one after the other."""
         return [self._dataset.rig.recordings[int(fold)].name for fold in np.unique(self._dataset.folds)]
+
+    @functools.cached_property
+    def _measured(self) -> list[Recording]:
+        """The recordings with the tilt that the filter sees."""
+        with_tilt = {one.recording: one.run for one in self._dataset.runs}
+        return [with_tilt.get(one.name, one) for one in self._dataset.rig.recordings]
 
     @functools.cached_property
     def _differences(self) -> list[Difference]:
@@ -301,15 +309,13 @@ class Answer:
 
     def _notes_on_tilt(self, tied: Sequence[Tie]) -> Iterator[str]:
         """Yield how well held-out recordings' measured tilt is predicted, if there is any."""
-        dataset = self._dataset
-        measured = {one.recording: one.run for one in dataset.runs}
         said = TiltPredictions(
-            recordings=[measured.get(one.name, one) for one in dataset.rig.recordings],
+            recordings=self._measured,
             answer=[one.model for one in self._proof.runs],
             base=[one.model for one in self._base_proof.runs],
             tied=[one.scored.fitted.model for one in tied],
             is_held_out=self._proof.is_proof,
-            noise_rad=dataset.rig.tilt.noise_rad,
+            noise_rad=self._dataset.rig.tilt.noise_rad,
         ).sentence()
         if said is not None:
             yield said

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from irt.diagnosis import config
 from irt.diagnosis.result import Share
 from irt.diagnosis.validation import HeldOut
+from irt.engine import SUBSTEP_S
 from irt.model import Model
 from irt.recording import Recording
 from irt.residual import RunEvaluation, evaluate
@@ -64,25 +65,50 @@ def budget(
     return tuple(shares)
 
 
-def twins_of(rig: Rig, model: Model, noise: float, seed: int) -> list[Recording]:
+def twins_of(rig: Rig, model: Model, noise: tuple[float, float, float], seed: int) -> list[Recording]:
     """Return recordings simulated by a model, with the rig's commands, gaps and tracker noise.
 
     The model's own error on them is the error floor: that of a perfect simulator, from tracker noise and
     uncertain start states.
+
+    Parameters
+    ----------
+    rig : Rig
+        The rig.
+    model : Model
+        The model.
+    noise : (float, float, float)
+        Standard deviations of the tracker's white and correlated noise [board edges], and the correlation
+        time of the latter [s]. An error that lasts hardly changes the velocity with which a window starts.
+    seed : int
+        Random seed.
     """
     random = np.random.default_rng(seed)
     found = evaluate(model, rig.recordings).runs
     return [
-        replace(
-            recording,
-            marble=np.where(
-                np.isfinite(recording.marble),
-                one.free_prediction + noise * random.standard_normal(recording.marble.shape),
-                np.nan,
-            ),
-        )
+        replace(recording, marble=np.where(recording.seen[:, None], one.free_prediction + errors, np.nan))
         for recording, one in zip(rig.recordings, found, strict=True)
+        for errors in [_tracked(recording, model, noise, random)]
     ]
+
+
+def _tracked(
+    recording: Recording, model: Model, noise: tuple[float, float, float], random: np.random.Generator
+) -> Array:
+    """Return simulated errors of the tracker in each row of a recording, (n, 2) [board edges]."""
+    white, lasting, lasting_s = noise
+    errors = white * random.standard_normal(recording.marble.shape)
+    if lasting <= 0.0:
+        return errors
+    seconds = recording.durations
+    if seconds is None:
+        seconds = np.full(len(errors), model.parameters["time_scale"].value * SUBSTEP_S)
+    kept = np.exp(-seconds / lasting_s)
+    steps = lasting * random.standard_normal(errors.shape)
+    steps[1:] *= np.sqrt(1.0 - kept[:-1, None] ** 2)
+    for row in range(1, len(steps)):
+        steps[row] += kept[row - 1] * steps[row - 1]
+    return errors + steps
 
 
 def _squared(runs: Sequence[RunEvaluation], horizon: float | None) -> float | None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irt.diagnosis import config
-from irt.model import Model
+from irt.model import TILT_SENSOR, Effect, Model
 from irt.recording import Recording
 from irt.tilt_errors import errors, is_comparable, predicted
 
@@ -71,6 +71,16 @@ class TiltPredictions:
         pairs = zip(models, self.recordings, strict=True)
         found = errors([predicted(model, run) for model, run in pairs if is_comparable(run)])
         return 1000.0 * np.array([axis.zero for axis in found])
+
+
+def with_sensor(model: Model, recordings: Sequence[Recording]) -> Model:
+    """Return a model with the zero of the tilt sensor, if the recordings have a tilt to compare."""
+    found = [predicted(model, run) for run in recordings if is_comparable(run)]
+    if not found:
+        return model
+    off = np.concatenate([one.measured - one.tilt for one in found])
+    zero = {f"zero_{axis}_rad": float(np.nanmean(off[:, index])) for index, axis in enumerate("xy")}
+    return replace(model, effects=(*model.effects, Effect(TILT_SENSOR, zero)))
 
 
 def _difference(own: frozenset[str], others: frozenset[str]) -> str:

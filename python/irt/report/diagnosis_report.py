@@ -409,10 +409,10 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.effects and found is not None and others_tried:
         best = max(others_tried, key=evidence_for)
         ahead = evidence_for(found) - evidence_for(best)
-        yield (
-            f"The next best hypothesis, {together(best.effects)}, is {ahead:,.0f} nats behind"
-            f"{' (3 nats are odds of 20 to 1)' if ahead > 0 else ''}."
-        )
+        odds = f"{ahead:,.0f} nats behind (3 nats are odds of 20 to 1)"
+        if ahead < 0.0:
+            odds = f"{-ahead:,.0f} nats ahead, but held-out recordings do not confirm all of it"
+        yield f"The next best hypothesis, {together(best.effects)}, is {odds}."
     if diagnosis.effects and diagnosis.is_held_out and diagnosis.runs:
         better = sum(run.final_mae < run.base_mae for run in diagnosis.runs)
         yield f"The error falls on {better} of {counted(len(diagnosis.runs), 'held-out run')}."

@@ -206,11 +206,22 @@ def test_one_recording_is_diagnosed_and_not_proved(plant):
 def test_a_model_predicts_its_own_twins_as_well_as_noise_allows(plant):
     dataset = plant(stamped=True)
     model = dataset.fit().model
-    twins = twins_of(dataset.rig, model, 2e-3, 0)
+    twins = twins_of(dataset.rig, model, (2e-3, 0.0, 1.0), 0)
     # The observed start contains noise too.
     assert evaluate(model, twins).mae == pytest.approx(2e-3 * np.sqrt(2.0) * np.sqrt(2.0 / np.pi), rel=0.15)
     for twin, recording in zip(twins, dataset.rig.recordings, strict=True):
         np.testing.assert_array_equal(twin.knobs, recording.knobs)
+
+
+def test_errors_of_the_tracker_that_last_are_simulated_as_such(plant):
+    dataset = plant(runs=20, rows=100, stamped=True)
+    model = dataset.fit().model
+    exact, twins = (twins_of(dataset.rig, model, (0.0, size, 0.4), 0) for size in (0.0, 2e-3))
+    off = np.array([twin.marble - one.marble for twin, one in zip(twins, exact, strict=True)])
+    assert off.std() == pytest.approx(2e-3, rel=0.1)
+    step_s = float(np.median(dataset.rig.recordings[0].durations))
+    alike = float(np.mean(off[:, 1:] * off[:, :-1]) / np.mean(off**2))
+    assert alike == pytest.approx(np.exp(-step_s / 0.4), abs=0.05)
 
 
 @pytest.mark.slow
