@@ -49,7 +49,7 @@ class TiltPredictions:
         of = " of held-out recordings" if self.is_held_out else ""
         text = (
             f"From the commands alone, the answer predicts the measured tilt{of} to {_pair(after)} "
-            "(root mean square, apart from the sensor's zero)"
+            "(root mean square, apart from zero and gain of the sensor)"
         )
         (own,) = {_names(one) for one in self.answer}
         if not own:
@@ -70,7 +70,7 @@ class TiltPredictions:
         """Return the errors of a model for each recording about x and y, (2,) [mrad]."""
         pairs = zip(models, self.recordings, strict=True)
         found = errors([predicted(model, run) for model, run in pairs if is_comparable(run)])
-        return 1000.0 * np.array([axis.zero for axis in found])
+        return 1000.0 * np.array([axis.gain for axis in found])
 
 
 def with_sensor(model: Model, recordings: Sequence[Recording]) -> Model:
