@@ -103,8 +103,7 @@ class Dataset:
         Index of the recording of each segment.
     runs : tuple of Segment
         Complete recordings, for the filter: it corrects the state in every row, so it needs no restarts, and
-        the states of board, marble and push carry over.
-        They have the measured tilt, which free runs do not fit.
+        the states of board, marble and push carry over. They have the measured tilt, which free runs lack.
     run_folds : (r,) int array
         Index of the recording of each of `runs`.
     noise : float

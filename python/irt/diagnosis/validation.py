@@ -190,7 +190,8 @@ class Validation:
         Each has a start state of its own, so that those of a recording are separate trials.
         """
         gains = self.of(than).errors_of_windows - self.of(one).errors_of_windows
-        return agree(gains[np.isfinite(gains)])
+        known = gains[np.isfinite(gains)]
+        return len(known) > 1 and agree(known)
 
     def runs_agree(self, one: Scored, than: Scored) -> bool:
         """Whether complete held-out recordings agree that a set predicts better than another."""

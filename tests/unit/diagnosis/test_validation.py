@@ -53,6 +53,20 @@ def test_what_was_seen_of_a_recording_has_no_part_in_the_fit_that_predicts_it(pl
     assert not np.array_equal(before.values[2], after.values[2])
 
 
+def test_windows_of_held_out_recordings_agree_on_an_effect_that_acts_and_on_no_other(plant):
+    dataset = plant([{**DRAG, "rate_per_s": 4.0}], runs=4, rows=120, stamped=True)
+    with_drag, base = fitted(dataset), Scores(dataset).base()
+    validation = Validation()
+    assert validation.windows_agree(with_drag, base)
+    assert not validation.windows_agree(base, with_drag)
+    assert not validation.windows_agree(base, base)
+    for one in (with_drag, base):
+        held = validation.of(one)
+        windows = np.split(held.errors_of_windows, len(held.runs))
+        # The last window of a recording is shorter.
+        assert [w.mean() for w in windows] == pytest.approx(held.windowed_errors, rel=0.3)
+
+
 @given(st.floats(-1.0, 1.0), st.integers(0, 2**32 - 1), st.integers(1, 4))
 def test_skill_is_the_share_of_the_motion_that_is_predicted(share, seed, windows):
     random = np.random.default_rng(seed)
