@@ -117,15 +117,15 @@ impl Filter<'_> {
             .chunks_exact_mut(rows.max(1))
             .zip(variance.chunks_exact_mut(rows.max(1)));
         let pieces = of_rollouts.enumerate().collect();
+        let issued = self.batch.issued();
         Threads::new(threads)?.each(pieces, |(rollout, (predicted, variance))| {
             let first = self.batch.first.of(rollout, 1)[0];
             let even = self.batch.parameters[rollout].time_scale * SUBSTEP_S;
-            let seconds = |row: usize| match self.batch.time {
-                TimeBase::Durations(durations) => {
-                    durations.of(rollout, self.batch.issued())[first + row]
-                }
-                _ => even,
+            let durations = match self.batch.time {
+                TimeBase::Durations(durations) => Some(durations.of(rollout, issued)),
+                _ => None,
             };
+            let seconds = |row: usize| durations.map_or(even, |each| each[first + row]);
             let noise = &self.noise.of(rollout, 1)[0];
             let rows = measured.rows.of(rollout, rows);
             tilt::predict(predicted, variance, rows, measured, seconds, noise);

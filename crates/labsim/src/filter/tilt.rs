@@ -6,8 +6,6 @@
 //! sensor misses for longer than a row: a first-order Gauss-Markov process. Outliers count less, as in the filter of
 //! the marble.
 
-use nalgebra::{Matrix3, Vector3};
-
 use crate::engine::TAIL;
 use crate::noise::Noise;
 use crate::per_rollout::PerRollout;
@@ -27,26 +25,56 @@ pub struct MeasuredTilt<'a> {
 
 /// Errors of the tilt about one axis: of the gain, of the zero (rad), and the correlated one (rad).
 struct Errors {
-    mean: Vector3<f64>,
-    covariance: Matrix3<f64>,
+    mean: [f64; 3],
+    /// Upper triangle of the covariance, row by row.
+    covariance: [f64; 6],
 }
 
 impl Errors {
-    fn pass(&mut self, seconds: f64, noise: &Noise) {
-        let kept = (-seconds / noise.tilt_lasting_s).exp();
-        let transition = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, kept));
-        self.mean[2] *= kept;
-        self.covariance = transition * self.covariance * transition;
-        self.covariance[(2, 2)] += noise.tilt_lasting.powi(2) * (1.0 - kept * kept);
+    fn new(deviations: [f64; 3]) -> Self {
+        let [gain, zero, lasting] = deviations.map(|one| one * one);
+        Self {
+            mean: [0.0; 3],
+            covariance: [gain, 0.0, 0.0, zero, 0.0, lasting],
+        }
     }
 
-    fn correct(&mut self, seen: &Vector3<f64>, off: f64, white: f64) {
-        let with = self.covariance * seen;
-        let own = seen.dot(&with);
-        let wild = (TAIL + off * off / (own + white)) / (TAIL + 1.0);
-        let gain = with / (own + white * wild.max(1.0));
-        self.mean += gain * off;
-        self.covariance -= gain * with.transpose();
+    /// A row later: a share of the correlated error is kept, whose variance tends to that of the process.
+    fn pass(&mut self, kept: f64, process: f64) {
+        let [_, _, gain_lasting, _, zero_lasting, lasting] = &mut self.covariance;
+        self.mean[2] *= kept;
+        *gain_lasting *= kept;
+        *zero_lasting *= kept;
+        *lasting = process + kept * kept * (*lasting - process);
+    }
+
+    /// What they add to a predicted tilt, its variance, and its covariances with them.
+    fn seen(&self, tilt: f64) -> (f64, f64, [f64; 3]) {
+        let [gg, gz, gl, zz, zl, ll] = self.covariance;
+        let with = [
+            gg * tilt + gz + gl,
+            gz * tilt + zz + zl,
+            gl * tilt + zl + ll,
+        ];
+        let [gain, zero, lasting] = self.mean;
+        let variance = with[0] * tilt + with[1] + with[2];
+        (gain * tilt + zero + lasting, variance, with)
+    }
+
+    fn correct(&mut self, off: f64, variance: f64, white: f64, with: [f64; 3]) {
+        let wild = (TAIL + off * off / (variance + white)) / (TAIL + 1.0);
+        let share = 1.0 / (variance + white * wild.max(1.0));
+        let [g, z, l] = with.map(|one| one * share);
+        for (mean, gain) in self.mean.iter_mut().zip([g, z, l]) {
+            *mean += gain * off;
+        }
+        let [gg, gz, gl, zz, zl, ll] = &mut self.covariance;
+        *gg -= g * with[0];
+        *gz -= g * with[1];
+        *gl -= g * with[2];
+        *zz -= z * with[1];
+        *zl -= z * with[2];
+        *ll -= l * with[2];
     }
 }
 
@@ -61,22 +89,27 @@ pub(super) fn predict(
     noise: &Noise,
 ) {
     let white = noise.tilt_white.powi(2);
-    for axis in 0..2 {
-        let deviations = Vector3::new(sensor.gain, sensor.zero, noise.tilt_lasting);
-        let mut errors = Errors {
-            mean: Vector3::zeros(),
-            covariance: Matrix3::from_diagonal(&deviations.component_mul(&deviations)),
-        };
-        for row in 0..predicted.len() {
-            if row > 0 {
-                errors.pass(seconds(row - 1), noise);
+    let process = noise.tilt_lasting.powi(2);
+    let mut both = [0, 1].map(|_| Errors::new([sensor.gain, sensor.zero, noise.tilt_lasting]));
+    // Most rows last as long as the one before.
+    let (mut lasted, mut kept) = (0.0, 1.0);
+    for row in 0..predicted.len() {
+        if row > 0 {
+            if seconds(row - 1) != lasted {
+                lasted = seconds(row - 1);
+                kept = (-lasted / noise.tilt_lasting_s).exp();
             }
-            let seen = Vector3::new(predicted[row][axis], 1.0, 1.0);
-            predicted[row][axis] += seen.dot(&errors.mean);
-            variance[row][axis] = seen.dot(&(errors.covariance * seen)) + white;
+            for errors in &mut both {
+                errors.pass(kept, process);
+            }
+        }
+        for (axis, errors) in both.iter_mut().enumerate() {
+            let (added, own, with) = errors.seen(predicted[row][axis]);
+            predicted[row][axis] += added;
+            variance[row][axis] = own + white;
             let off = measured[row][axis] - predicted[row][axis];
             if off.is_finite() {
-                errors.correct(&seen, off, white);
+                errors.correct(off, own, white, with);
             }
         }
     }
