@@ -70,7 +70,8 @@ def draw_bar(axes: Any, bar: Bar, between: tuple[float, float], width: float) ->
     """
     left, (top, bottom), nameless = 0.0, between, []
     for index, part in enumerate(bar.parts):
-        axes.add_patch(_patch(bar.parts, index, (left, top), part.share, bottom - top))
+        if part.share > 0.0:
+            axes.add_patch(_patch(bar.parts, index, (left, top), part.share, bottom - top))
         room = part.share * width - _MARGIN
         fitting = [text for text in labels(part) if len(text) * _LETTER <= room]
         if fitting:
