@@ -126,13 +126,15 @@ class Relevance:
     def _is_certain(self, one: Scored, name: str) -> bool:
         """Whether held-out recordings agree that a set predicts better with an effect than without it.
 
-        In windows, in complete runs, or by likelihood. If the set leaves only noise, or nothing is held out,
-        there is nothing to test.
+        In windows, in complete runs, or by likelihood, together or each by itself. If the set leaves only
+        noise, or nothing is held out, there is nothing to test.
         """
         validation, without = self.validation, self.without(one, name)
         if one.is_exact or not validation.of(one).is_proof:
             return True
         if validation.windows_agree(one, without) or validation.is_likelier(one, without):
+            return True
+        if validation.each_is_likelier(one, without):
             return True
         others = [without] if one.is_free else [without, self._freed_without(one, name)]
         return all(validation.runs_agree(one, other) for other in others)

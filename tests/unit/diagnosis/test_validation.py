@@ -60,6 +60,8 @@ def test_windows_of_held_out_recordings_agree_on_an_effect_that_acts_and_on_no_o
     assert validation.windows_agree(with_drag, base)
     assert not validation.windows_agree(base, with_drag)
     assert not validation.windows_agree(base, base)
+    assert validation.each_is_likelier(with_drag, base)
+    assert not validation.each_is_likelier(base, base)
     for one in (with_drag, base):
         held = validation.of(one)
         windows = np.split(held.errors_of_windows, len(held.runs))
