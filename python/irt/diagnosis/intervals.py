@@ -158,25 +158,13 @@ def _of_filter(one: Scored, problem: Problem) -> Information:
     """Return what recordings say of the values of a problem by the posterior of the filter."""
     own = [one.names.index(name) for name in problem.names]
     values, free = one.top.values[own], one.top.deviations[own] > 0.0
-    widths = np.where(free, np.ptp(problem.ranges, axis=1), 1.0)
-    covariance = one.top.covariance[np.ix_(own, own)] / np.outer(widths, widths)
-    variance, vectors = np.linalg.eigh(covariance[np.ix_(free, free)])
+    widths = np.ptp(problem.ranges, axis=1)[free]
+    covariance = one.top.covariance[np.ix_(own, own)][np.ix_(free, free)]
+    variance, vectors = np.linalg.eigh(covariance / np.outer(widths, widths))
     directions = np.zeros((len(variance), len(values)))
     directions[:, free] = vectors.T
     half_width = _NORMAL * np.sqrt(np.maximum(variance, 0.0))
-    return Information(
-        names=problem.names,
-        values=values,
-        widths=widths,
-        ranges=np.stack(
-            [np.minimum(problem.ranges[:, 0], values), np.maximum(problem.ranges[:, 1], values)], axis=1
-        ),
-        allowed=problem.allowed,
-        free=free,
-        directions=directions,
-        half_width=half_width,
-        offset=np.zeros(len(variance)),
-    )
+    return Information.along(problem, values, free, directions, half_width)
 
 
 def _with_scatter(information: Information, values: Array) -> Information:

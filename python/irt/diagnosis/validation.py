@@ -181,7 +181,7 @@ class Validation:
         """
         here, other = self.of(one), self.of(than)
         return here.is_proof and (
-            agree(other.errors - here.errors) or agree(other.windowed_errors - here.windowed_errors)
+            self.runs_agree(one, than) or agree(other.windowed_errors - here.windowed_errors)
         )
 
     def windows_agree(self, one: Scored, than: Scored) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,19 @@ class Information:
         # With few degrees of freedom the half-width may overflow.
         with np.errstate(over="ignore"):
             half_width = float(stdtrit(found.degrees_of_freedom, 0.5 + CONFIDENCE / 2.0)) * found.deviation
+        offset = np.where(half_width < FLAT, found.offset, 0.0)
+        return replace(cls.along(asked, values, free, directions, half_width), offset=offset)
+
+    @classmethod
+    def along(
+        cls,
+        asked: Problem,
+        values: Array,
+        free: NDArray[np.bool_],
+        directions: Array,
+        half_width: Array,
+    ) -> Information:
+        """Return the information about (n,) values of a problem, the best fit, along given directions."""
         return cls(
             names=asked.names,
             values=values,
@@ -78,7 +91,7 @@ class Information:
             free=free,
             directions=directions,
             half_width=half_width,
-            offset=np.where(half_width < FLAT, found.offset, 0.0),
+            offset=np.zeros(len(half_width)),
         )
 
     @property
