@@ -101,14 +101,15 @@ class Relevance:
         that does not repeat can hide what each window shows. Without the effect, complete runs are predicted
         by the better of the values from the filter and from free runs, as those of a set are. If the values
         from free runs are too poor even for the recordings that they were fitted to, they are not fitted
-        without each recording, which takes as many times as long.
+        without each recording, which takes as many times as long. Beside a measured tilt, which free runs do
+        not see, neither set has values from them.
         """
         without, full = (self.validation.of(each) for each in (self.without(one, name), one))
         windows = without.windowed - full.windowed
         if not np.isfinite(windows):
             windows = -np.inf
         runs, least = without.mae - full.mae, config.MATTERS * one.dataset.noise
-        if runs >= least and runs > windows and not (one.is_free or one.is_exact):
+        if runs >= least and runs > windows and self._competes_freed(one):
             free = self._freed_without(one, name)
             of_free = self.validation.fitted_mae(free) - full.mae
             if of_free < least:
@@ -136,8 +137,16 @@ class Relevance:
             return True
         if validation.each_is_likelier(one, without):
             return True
-        others = [without] if one.is_free else [without, self._freed_without(one, name)]
-        return all(validation.runs_agree(one, other) for other in others)
+        others = [without, *([self._freed_without(one, name)] if self._competes_freed(one) else [])]
+        return validation.runs_agree(one, min(others, key=lambda other: validation.of(other).mae))
+
+    @staticmethod
+    def _competes_freed(one: Scored) -> bool:
+        """Whether a set is compared with smaller ones at their values from free runs, too.
+
+        Not if its own are from free runs, as then all are; nor if its own could not be.
+        """
+        return not (one.is_free or one.is_exact or one.dataset.has_tilt)
 
     def _is_needed(self, one: Scored, name: str) -> bool:
         """Whether an effect matters to predictions of held-out recordings.

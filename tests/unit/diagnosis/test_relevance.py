@@ -95,3 +95,32 @@ def test_likelihoods_alone_count_unless_errors_refuse_the_effect(plant, monkeypa
     monkeypatch.setattr(Validation, "is_better", lambda *_: refused)
     kept, _ = relevance.kept(relevance.posterior.best)
     assert bool(kept.effects) is not refused
+
+
+class WithoutTheEffect(Validation):
+    """A validation in which runs are off by 1 % with the effect, and without it by 2 % or by `free`."""
+
+    free = (0.0, 0.0, 0.0, 0.0)
+
+    def of(self, one):
+        found = super().of(one)
+        own = [0.01] * 4 if one.effects else self.free if one.is_free else [0.02] * 4
+        return replace(
+            found, runs=tuple(replace(run, mae=mae) for run, mae in zip(found.runs, own, strict=True))
+        )
+
+
+@pytest.mark.parametrize(
+    ("free", "is_kept"), [((0.9, 0.0, 0.0, 0.0), True), ((0.05, 0.009, 0.009, 0.009), False)]
+)
+def test_an_effect_is_judged_beside_the_better_values_without_it(plant, monkeypatch, free, is_kept):
+    """Values from free runs that are wild in one run hide no effect; where they predict better, they count."""
+    monkeypatch.setattr(WithoutTheEffect, "free", free)
+    for name in ("windows_agree", "is_likelier", "each_is_likelier"):
+        monkeypatch.setattr(Validation, name, lambda *_: False)
+    dataset = plant([DELAY], runs=4, rows=60, stamped=True, pushed=0.1)
+    selection = Selection(Scores(dataset), ("delay",), lambda _: None, WithoutTheEffect())
+    relevance = Relevance(selection, selection.run())
+    assert not relevance.posterior.best.is_exact
+    kept, _ = relevance.kept(relevance.posterior.best)
+    assert bool(kept.effects) is is_kept
