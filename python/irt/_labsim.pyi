@@ -111,7 +111,7 @@ def leave_out(
     noise: npt.NDArray[np.float64],
     states: npt.NDArray[np.float64],
     *,
-    folds: Sequence[int],
+    folds: Sequence[int | None],
     iterations: int,
 ) -> list[dict[str, Any]]: ...
 def refine(

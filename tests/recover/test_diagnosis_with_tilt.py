@@ -67,3 +67,28 @@ def test_the_model_has_the_zero_of_the_sensor(servo):
     for axis, truth in zip("xy", ZERO, strict=True):
         assert sensor.parameters[f"zero_{axis}_rad"] == pytest.approx(truth, abs=5e-4)
     assert servo.model.sample(3, seed=0) is not None
+
+
+@pytest.fixture(scope="module")
+def swept():
+    """Four recordings of the marble without a tilt, and two of the tilt without a marble."""
+    recordings = tilted_recordings(SERVO, runs=6, rows=120)
+    marbles = [replace(one, tilt=None) for one in recordings[:4]]
+    sweeps = [replace(one, marble=np.full_like(one.marble, np.nan)) for one in recordings[4:]]
+    return diagnose(replace(rig_of([*sweeps, *marbles]), tilt=TiltSensor(noise_rad=TILT_NOISE_RAD)))
+
+
+def test_recordings_without_a_marble_decide_by_their_tilt(swept):
+    found = {one.name: one for one in swept.effects}
+    assert set(found) == {"delay", "lag"}
+    assert found["delay"].confusable_with == ()
+    assert found["delay"].parameters["delay_s"].value == pytest.approx(0.08, abs=2e-3)
+    assert found["lag"].parameters["time_constant_s"].value == pytest.approx(0.07, abs=2e-3)
+
+
+def test_they_are_said_to_be_fitted_and_not_held_out(swept):
+    assert [one.recording for one in swept.runs] == ["run-1", "run-2", "run-3", "run-4"]
+    (said,) = [note for note in swept.notes if "measured tilt" in note]
+    assert said.startswith("run-5, run-6 have no marble. The measured tilt was fitted, never held out")
+    (sensor,) = [one for one in swept.model.effects if one.name == "tilt_sensor"]
+    assert sensor.parameters["zero_x_rad"] == pytest.approx(ZERO[0], abs=5e-4)

@@ -119,7 +119,7 @@ pub(crate) fn leave_out<'py>(
     values: Vec<f64>,
     noise: Matrix<'py>,
     states: Matrix<'py>,
-    folds: Vec<usize>,
+    folds: Vec<Option<usize>>,
     iterations: usize,
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
     let problem = Owned::new(&problem)?;

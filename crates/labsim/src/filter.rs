@@ -7,11 +7,11 @@ use std::sync::atomic::AtomicBool;
 
 use crate::board::SUBSTEP_S;
 use crate::correction::Correction;
-use crate::engine::TAIL;
+use crate::engine::{Engine, TAIL};
 use crate::error::{Error, Result};
 use crate::noise::Noise;
 use crate::per_rollout::PerRollout;
-use crate::rollout::{Batch, TimeBase, Wanted};
+use crate::rollout::{Batch, Simulated, TimeBase, Wanted};
 use crate::threads::Threads;
 
 mod smoother;
@@ -66,8 +66,9 @@ impl Predictions {
 pub struct Filter<'a> {
     /// The rollouts; their `start` is the first observed position.
     pub batch: Batch<'a>,
-    /// Observed positions (board edges), `rows` pairs; NaN where the tracker lost the marble.
-    pub observed: PerRollout<'a, [f64; 2]>,
+    /// Observed positions (board edges), `rows` pairs; NaN where the tracker lost the marble. None without a marble,
+    /// whose predictions are no numbers then.
+    pub observed: Option<PerRollout<'a, [f64; 2]>>,
     /// Measured tilt, if any. It does not correct the marble.
     pub tilt: Option<MeasuredTilt<'a>>,
     /// Sizes of the random quantities, shared or one for each rollout.
@@ -83,12 +84,17 @@ impl Filter<'_> {
     /// [`crate::Error::Invalid`] for physically impossible values, [`crate::Error::Cancelled`] once `cancel` is set.
     pub fn run(&self, threads: Option<usize>, cancel: &AtomicBool) -> Result<Predictions> {
         self.check()?;
-        let measured = (self.observed, self.noise);
         let wanted = Wanted {
             tilt: self.tilt.is_some_and(|tilt| tilt.predicted.is_none()),
             corrections: false,
         };
-        let mut all = self.batch.filtered(measured, wanted, threads, cancel)?;
+        let mut all = match self.observed {
+            Some(observed) => {
+                let measured = (observed, self.noise);
+                self.batch.filtered(measured, wanted, threads, cancel)?
+            }
+            None => self.without_marble(wanted, threads, cancel)?,
+        };
         let mut tilt_variance = Vec::new();
         if let Some(measured) = self.tilt {
             if let Some(predicted) = measured.predicted {
@@ -102,6 +108,24 @@ impl Filter<'_> {
             tilt: all.tilt,
             tilt_variance,
         })
+    }
+
+    /// The rollouts' tilt, if it is wanted, beside positions that are no numbers.
+    fn without_marble(
+        &self,
+        wanted: Wanted,
+        threads: Option<usize>,
+        cancel: &AtomicBool,
+    ) -> Result<Simulated> {
+        let mut all = Simulated::default();
+        if wanted.tilt {
+            let found = self.batch.run_with_tilt(Engine::Rolling, threads, cancel)?;
+            all.tilt = found.tilt;
+        }
+        let unknown = vec![[f64::NAN; 2]; self.batch.parameters.len() * self.batch.rows];
+        all.variance.clone_from(&unknown);
+        all.marble = unknown;
+        Ok(all)
     }
 
     /// Corrects the predicted tilt by the measured one, row by row, and returns the variances.
@@ -134,7 +158,7 @@ impl Filter<'_> {
     }
 
     /// Smoothed estimates of each row from all rows of its rollout: the random acceleration and the tracker's lasting
-    /// error, along each axis; `rows` pairs per rollout.
+    /// error, along each axis; `rows` pairs per rollout, none without a marble.
     ///
     /// # Errors
     /// As [`Filter::run`].
@@ -144,7 +168,10 @@ impl Filter<'_> {
         cancel: &AtomicBool,
     ) -> Result<Vec<[Smoothed; 2]>> {
         self.check()?;
-        let measured = (self.observed, self.noise);
+        let Some(observed) = self.observed else {
+            return Ok(Vec::new());
+        };
+        let measured = (observed, self.noise);
         let wanted = Wanted {
             tilt: false,
             corrections: true,
@@ -165,7 +192,9 @@ impl Filter<'_> {
 
     fn check(&self) -> Result<()> {
         let rollouts = self.batch.parameters.len();
-        self.observed.check("observed", rollouts, self.batch.rows)?;
+        if let Some(observed) = self.observed {
+            observed.check("observed", rollouts, self.batch.rows)?;
+        }
         self.noise.check("noise", rollouts, 1)?;
         if let Some(tilt) = self.tilt {
             tilt.rows.check("tilt", rollouts, self.batch.rows)?;
@@ -199,8 +228,9 @@ impl Filter<'_> {
         rollouts
             .map(|rollout| {
                 let own = predictions.of_rollout(rollout, rows);
-                let observed = self.observed.of(rollout, rows);
-                let [x, y] = log_likelihood(observed, own.marble, own.variance);
+                let [x, y] = self.observed.map_or([0.0; 2], |observed| {
+                    log_likelihood(observed.of(rollout, rows), own.marble, own.variance)
+                });
                 let [about_x, about_y] = self.tilt.map_or([0.0; 2], |measured| {
                     log_likelihood(measured.rows.of(rollout, rows), own.tilt, own.tilt_variance)
                 });

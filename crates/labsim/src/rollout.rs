@@ -359,6 +359,7 @@ pub(crate) struct Wanted {
 }
 
 /// The requested output; the rest is empty.
+#[derive(Default)]
 pub(crate) struct Simulated {
     pub(crate) marble: Vec<[f64; 2]>,
     pub(crate) tilt: Vec<[f64; 2]>,

@@ -49,6 +49,12 @@ def run_findings(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
         ),
         (
             "warning",
+            lambda run: _is_held(rig, run),
+            "the marble rests in most rows although the board tilts by more than friction holds",
+            "if it lies in a hole, leave its marble cells empty: the measured tilt still counts",
+        ),
+        (
+            "warning",
             lambda run: run.garbage > 0,
             "the first rows were logged before the tracker had found the marble",
             "cut them and renumber the steps from 0",
@@ -79,7 +85,7 @@ def run_findings(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
         ),
         (
             "note",
-            lambda run: run.at_rest > MOSTLY_REST,
+            lambda run: run.at_rest > MOSTLY_REST and not _is_held(rig, run),
             "the marble rests in most rows",
             "tilt more, unless the run is meant to show static friction",
         ),
@@ -107,6 +113,16 @@ def names(of_runs: Sequence[str]) -> str:
 
 def _lacks_marble(rig: Rig, run: RunFacts) -> bool:
     return not next(one for one in rig.recordings if one.name == run.name).has_marble
+
+
+def _is_held(rig: Rig, run: RunFacts) -> bool:
+    """Whether a marble rests in most rows while the measured tilt exceeds any plausible rolling friction."""
+    tilt = next(one for one in rig.recordings if one.name == run.name).tilt
+    if run.at_rest <= MOSTLY_REST or tilt is None or not np.isfinite(tilt).any():
+        return False
+    low, high = np.nanquantile(tilt, [0.01, 0.99], axis=0)
+    _, friction = rig.ranges["rolling_friction"]
+    return bool(np.nanmax(high - low) / 2.0 > friction)
 
 
 def _idle(runs: Sequence[RunFacts]) -> Iterator[Finding]:

@@ -16,7 +16,7 @@ from irt.diagnosis import config, words
 from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.detectability import detectability
-from irt.diagnosis.held_out_tilt import TiltPredictions, with_sensor
+from irt.diagnosis.held_out_tilt import TiltPredictions, of_sweeps, with_sensor
 from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_of
 from irt.diagnosis.latent_force import LatentForce, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
@@ -101,6 +101,7 @@ class Answer:
         twins = evaluate(final, simulated, dataset.horizon_s(final))
         without = {name: self._without(name) for name in self._ordered(best.effects) if order}
         shares = budget(base, answer, without, twins.runs) if is_held_out else ()
+        measured = [*self._measured, *dataset.sweeps]
         return Diagnosis(
             verdict=self._verdict(order),
             summary=words.summary(
@@ -120,9 +121,9 @@ class Answer:
             final_mae=_free_run(best),
             base_heldout_mae=base.mae if is_held_out else float("nan"),
             final_heldout_mae=answer.mae if is_held_out else float("nan"),
-            base=with_sensor(_model(self._base, self._relevance.parameters(self._base)[0]), self._measured),
+            base=with_sensor(_model(self._base, self._relevance.parameters(self._base)[0]), measured),
             model=replace(
-                with_sensor(_model(best, self._parameters), self._measured),
+                with_sensor(_model(best, self._parameters), measured),
                 posterior=posterior(self._likely(tied), self._proof, self._parameters),
             ),
             indistinguishable=tuple(one.scored.fitted.model for one in tied),
@@ -319,6 +320,8 @@ class Answer:
         ).sentence()
         if said is not None:
             yield said
+        if self._dataset.sweeps:
+            yield of_sweeps(self._best.fitted.model, self._dataset.sweeps)
 
     def _chosen_again(self, tied: Sequence[Tie]) -> Nested | None:
         """Repeat the selection without each recording: answer, subsets, ties and likely sets compete."""

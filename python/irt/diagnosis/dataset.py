@@ -19,6 +19,7 @@ from irt.fitting.problem import Problem, tracker_noise
 from irt.fitting.robust import deviation
 from irt.fitting.solution import Refined, Solution
 from irt.model import Effect, Model
+from irt.recording import Recording
 from irt.rig import PARAMETERS, Rig
 from irt.segments import Segment, segments
 from irt.tilt_errors import compared_tilt
@@ -26,6 +27,8 @@ from irt.tilt_errors import compared_tilt
 Array = NDArray[np.float64]
 
 
+#: Fold of recordings that are not held out: without a marble there is no path to predict.
+NEVER = -1
 #: Rows of a stretch: more than outliers last, and less than the path of a marble goes wrong for.
 _STRETCH = 10
 
@@ -104,8 +107,9 @@ class Dataset:
     runs : tuple of Segment
         Complete recordings, for the filter: it corrects the state in every row, so it needs no restarts, and
         the states of board, marble and push carry over. They have the measured tilt, which free runs lack.
+        Recordings of a measured tilt without a marble follow.
     run_folds : (r,) int array
-        Index of the recording of each of `runs`.
+        Index of the recording of each of `runs`; `NEVER` for those without a marble, which are not held out.
     noise : float
         Standard deviation of the tracker [board edges], from the recordings alone.
     time_scale : float or None
@@ -139,15 +143,19 @@ class Dataset:
         IrtError
             If only some recordings are stamped.
         """
-        digest = rig.of_marbles(with_tilt=True).digest
         tilts = {one.name: compared_tilt(one) for one in rig.recordings}
+        # Without a marble the tilt is all that a recording shows.
+        sweeps = [one for one in rig.recordings if not one.has_marble and tilts[one.name] is not None]
+        used = (*rig.of_marbles(with_tilt=True).recordings, *sweeps)
+        digest = replace(rig, recordings=used).digest
         rig = rig.of_marbles()
         cut = tuple(segments(rig))
-        runs = tuple(
-            replace(one, run=replace(one.run, tilt=tilts[one.recording])) for one in segments(rig, whole=True)
+        whole = [*segments(rig, whole=True), *segments(replace(rig, recordings=tuple(sweeps)), whole=True)]
+        runs = tuple(replace(one, run=replace(one.run, tilt=tilts[one.recording])) for one in whole)
+        number = {one.name: fold for fold, one in enumerate(rig.recordings)}
+        folds, run_folds = (
+            np.array([number.get(one.recording, NEVER) for one in parts]) for parts in (cut, runs)
         )
-        names = [recording.name for recording in rig.recordings]
-        folds, run_folds = (np.array([names.index(one.recording) for one in parts]) for parts in (cut, runs))
         return cls(
             rig=rig,
             digest=digest,
@@ -166,9 +174,14 @@ class Dataset:
         """Whether the filter sees a measured tilt."""
         return any(one.run.has_tilt for one in self.runs)
 
+    @property
+    def sweeps(self) -> list[Recording]:
+        """Recordings of a measured tilt without a marble."""
+        return [one.run for one in self.runs if not one.run.has_marble]
+
     def only(self, folds: Sequence[int]) -> Dataset:
         """Return the dataset restricted to the given folds."""
-        keep, stay = np.isin(self.folds, folds), np.isin(self.run_folds, folds)
+        keep, stay = np.isin(self.folds, folds), np.isin(self.run_folds, [*folds, NEVER])
         return replace(
             self,
             segments=tuple(itertools.compress(self.segments, keep)),

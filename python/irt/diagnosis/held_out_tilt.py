@@ -73,6 +73,16 @@ class TiltPredictions:
         return 1000.0 * np.array([axis.gain for axis in found])
 
 
+def of_sweeps(model: Model, sweeps: Sequence[Recording]) -> str:
+    """Return how well a model predicts the tilt of recordings without a marble, to which it was fitted."""
+    off = 1000.0 * np.array([axis.gain for axis in errors([predicted(model, run) for run in sweeps])])
+    names, has = ", ".join(one.name for one in sweeps), "has" if len(sweeps) == 1 else "have"
+    return (
+        f"{names} {has} no marble. The measured tilt was fitted, never held out; the answer predicts it to "
+        f"{_pair(off)} (root mean square, apart from zero and gain of the sensor)."
+    )
+
+
 def with_sensor(model: Model, recordings: Sequence[Recording]) -> Model:
     """Return a model with the zero of the tilt sensor, if the recordings have a tilt to compare."""
     found = [predicted(model, run) for run in recordings if is_comparable(run)]

@@ -84,6 +84,7 @@ class Needed:
         self.over_time = {
             run.recording: (_padded(push, len(run.run.knobs)), _padded(deviation, len(run.run.knobs)))
             for run, push, deviation in zip(one.dataset.runs, found.push, found.push_deviation, strict=True)
+            if run.run.has_marble
         }
         free = list(_free(one, found))
         self._regressions = [Regression(free, seed)]

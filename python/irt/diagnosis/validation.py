@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from irt.diagnosis import config
-from irt.diagnosis.dataset import Dataset
+from irt.diagnosis.dataset import NEVER, Dataset
 from irt.diagnosis.hypotheses import MAP, simulated
 from irt.diagnosis.score import Scored, Scores, start_unknown
 from irt.model import Model
@@ -290,9 +290,8 @@ def _fitted_without(one: Scored, folds: NDArray[np.int64]) -> list[Scored]:
     # Free runs hold a slope map, so it must be fitted to the other recordings by the filter.
     if MAP in one.effects or not one.is_free:
         top, problem = (one.filtered or one).top, Scores.of(one).problem(one.effects)
-        tops = problem.leave_out(
-            top.values, top.noise, top.states, one.dataset.run_folds.tolist(), iterations=config.REFIT
-        )
+        run_folds = [None if fold == NEVER else fold for fold in one.dataset.run_folds.tolist()]
+        tops = problem.leave_out(top.values, top.noise, top.states, run_folds, iterations=config.REFIT)
     found = [replace(one, top=top) for top in tops]
     if not one.is_free:
         return found

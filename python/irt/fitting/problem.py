@@ -272,12 +272,13 @@ class Problem:
         return [found[index] for index in range(len(values))]
 
     def leave_out(
-        self, values: Array, noise: Array, states: Array, folds: Sequence[int], *, iterations: int
+        self, values: Array, noise: Array, states: Array, folds: Sequence[int | None], *, iterations: int
     ) -> list[Probable]:
         """Maximise the posterior without each fold of the segments, from the maximum with all of them.
 
-        Takes (n,) values, (14,) noise sizes, (s, 4) start states and the fold of each segment, and returns a
-        maximum for each fold in ascending order. All folds share the first derivatives.
+        Takes (n,) values, (14,) noise sizes, (s, 4) start states and the fold of each segment, None if it is
+        never left out, and returns a maximum for each fold in ascending order. All folds share the first
+        derivatives.
         """
         ((asked, _),) = self._by_choice(values[None])
         found = answered(

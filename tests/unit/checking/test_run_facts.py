@@ -8,6 +8,7 @@ import pytest
 from irt.checking import check
 from irt.checking.advice import next_recording
 from simulated_rigs import STEP_S
+from tilted_rigs import rig_of, tilted_recordings
 
 
 def first_run(rig, **arrays):
@@ -78,3 +79,20 @@ def test_repeated_commands_are_noted(make_rig):
 def test_runs_are_asked_for_until_some_can_be_held_out(make_rig, runs, said):
     rig = make_rig(runs=runs)
     assert said in next_recording(rig, check(rig).runs, (), None)
+
+
+@pytest.mark.parametrize(("steps_rad", "is_held"), [(0.03, True), (0.002, False)])
+def test_a_marble_that_a_tilt_does_not_move_lies_in_a_hole(steps_rad, is_held):
+    """A friction within its range may hold it at small tilts."""
+    still, *others = tilted_recordings(runs=3)
+    share = steps_rad / 0.03
+    held = replace(
+        still,
+        marble=0.1 + 5e-4 * np.random.default_rng(1).standard_normal(still.marble.shape),
+        knobs=share * still.knobs,
+        tilt=share * still.tilt,
+    )
+    found = check(rig_of([held, *others])).findings
+    said = [one for one in found if "the marble rests in most rows" in one.what]
+    assert [(one.where, one.severity) for one in said] == [("run-1", "warning" if is_held else "note")]
+    assert ("leave its marble cells empty" in said[0].advice) is is_held

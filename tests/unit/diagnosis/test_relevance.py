@@ -114,7 +114,7 @@ class WithoutTheEffect(Validation):
     ("free", "is_kept"), [((0.9, 0.0, 0.0, 0.0), True), ((0.05, 0.009, 0.009, 0.009), False)]
 )
 def test_an_effect_is_judged_beside_the_better_values_without_it(plant, monkeypatch, free, is_kept):
-    """Values from free runs that are wild in one run hide no effect; where they predict better, they count."""
+    """Values from free runs that are wild in one run hide no effect; where they predict better, they do."""
     monkeypatch.setattr(WithoutTheEffect, "free", free)
     for name in ("windows_agree", "is_likelier", "each_is_likelier"):
         monkeypatch.setattr(Validation, name, lambda *_: False)

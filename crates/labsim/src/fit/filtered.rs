@@ -15,7 +15,8 @@ use crate::rollout::Batch;
 /// Output of the filter for each stretch at some values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filtered {
-    /// Positions as predicted from all rows before (board edges); empty if the tracker has too few rows.
+    /// Positions as predicted from all rows before (board edges), no numbers without a marble; empty if the tracker
+    /// has too few rows and there is no tilt.
     pub predicted: Vec<Vec<[f64; 2]>>,
     /// Variances about them (board edges squared); NaN in first rows.
     pub variance: Vec<Vec<[f64; 2]>>,
@@ -76,7 +77,7 @@ impl Shooting<'_> {
         Ok(filtered)
     }
 
-    /// Smoothed random accelerations of each stretch; empty if the tracker has too few rows.
+    /// Smoothed random accelerations of each stretch; empty without a marble, or if the tracker has too few rows.
     pub(super) fn smooth(&self, trial: &Trial, noise: Noise) -> Result<Vec<Vec<[Smoothed; 2]>>> {
         let mut smoothed = vec![Vec::new(); self.windows.all.len()];
         self.with_filters(&[trial], &[noise], |filter, windows| {
@@ -92,15 +93,16 @@ impl Shooting<'_> {
     /// Prior standard deviations of gain and zero (rad) of the tilt sensor in each stretch, from their plausible
     /// ranges.
     ///
-    /// The gain is the same in all stretches. One of its own for each, with a deviation larger by the root of their
-    /// number, says as much about the gears.
+    /// The gain is the same in all stretches. One of its own for each with a tilt, with a deviation larger by the root
+    /// of their number, says as much about the gears.
     fn sensor(&self) -> Result<[f64; 2]> {
         let parameters = effect("tilt_sensor")?.parameters;
         let deviation = |name: &str| {
             let found = parameters.iter().find(|one| one.name == name);
             found.map_or(0.0, |one| (one.range.1 - one.range.0) / 12.0_f64.sqrt())
         };
-        let stretches = self.windows.all.len() as f64;
+        let is_measured = |one: &&Window| self.windows.known[one.tilt()].contains(&true);
+        let stretches = self.windows.all.iter().filter(is_measured).count() as f64;
         Ok([
             deviation("gain_x") * stretches.sqrt(),
             deviation("zero_x_rad"),
@@ -116,8 +118,9 @@ impl Shooting<'_> {
     ) -> Result<()> {
         let has_tilt = self.windows.channels.has_tilt();
         let sensor = has_tilt.then(|| self.sensor()).transpose()?;
-        let of_marble = self.windows.lengths.iter().filter(|((_, has), _)| *has);
-        for ((rows, _), indices) in of_marble {
+        // A marble may lie where it is not seen while the board tilts.
+        let counts = |((_, has_marble), _): &&((usize, bool), _)| *has_marble || has_tilt;
+        for ((rows, has_marble), indices) in self.windows.lengths.iter().filter(counts) {
             let windows: Vec<&Window> = indices.iter().map(|&i| &self.windows.all[i]).collect();
             // Axes with constant positions are ignored.
             let active = &self.windows.channels.active;
@@ -174,7 +177,7 @@ impl Shooting<'_> {
                         effects: late.as_deref().unwrap_or(batch.effects),
                         ..*batch
                     },
-                    observed: PerRollout::Of(&observed),
+                    observed: has_marble.then_some(PerRollout::Of(&observed)),
                     tilt: sensor.map(|[gain, zero]| MeasuredTilt {
                         rows: PerRollout::Of(&tilt),
                         predicted: predicted.as_deref(),

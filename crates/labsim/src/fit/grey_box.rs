@@ -56,7 +56,7 @@ impl Problem<'_> {
 
     /// Ascends from the top of all stretches once for each fold, without its stretches, in order of the folds.
     ///
-    /// `folds` has the fold of each stretch. The derivatives at the start are taken once for all folds.
+    /// `folds` has the fold of each stretch; one of none is never left out. The derivatives at the start are taken once for all folds.
     ///
     /// # Errors
     /// As [`Problem::fit`].
@@ -65,7 +65,7 @@ impl Problem<'_> {
         values: &[f64],
         noise: &Noise,
         states: &[Option<[f64; 4]>],
-        folds: &[usize],
+        folds: &[Option<usize>],
         iterations: usize,
         cancel: &AtomicBool,
     ) -> Result<Vec<Probable>> {
@@ -74,14 +74,14 @@ impl Problem<'_> {
         let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
         let hill = Hill::new(&shooting, &coordinates, std::slice::from_ref(noise));
         let place = hill.place(values, self.of_windows(&whole, states), noise);
-        let mut of_windows = vec![0; whole.all.len()];
+        let mut of_windows = vec![None; whole.all.len()];
         for (window, fold) in self.of_stretches(&whole, |i| i).into_iter().zip(folds) {
             if let Some(window) = window {
                 of_windows[window] = *fold;
             }
         }
         let of_stretches = |states: &[State]| self.of_stretches(&whole, |i| states[i]);
-        let mut numbers = folds.to_vec();
+        let mut numbers: Vec<usize> = folds.iter().copied().flatten().collect();
         numbers.sort_unstable();
         numbers.dedup();
         hill.leave_out(&place, &numbers, of_windows, iterations, of_stretches)

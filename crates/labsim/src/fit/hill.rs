@@ -57,8 +57,8 @@ pub(super) struct Hill<'a> {
     prior: Prior,
     /// The estimated sizes: those that are not zero everywhere.
     sizes: Vec<usize>,
-    /// The fold of each window; empty if none is left out.
-    folds: Vec<usize>,
+    /// The fold of each window, if it has one; empty if none is left out.
+    folds: Vec<Option<usize>>,
     /// Coordinates that change the tilt in steps of rows only, and steps of a row.
     of_rows: Vec<(usize, f64)>,
     /// Gain of a step at which an ascent ends [nats].
@@ -107,7 +107,7 @@ impl<'a> Hill<'a> {
         mut self,
         place: &Place,
         folds: &[usize],
-        of_windows: Vec<usize>,
+        of_windows: Vec<Option<usize>>,
         iterations: usize,
         of_stretches: impl Fn(&[State]) -> Vec<Option<[f64; 4]>>,
     ) -> Result<Vec<Probable>> {
@@ -119,7 +119,7 @@ impl<'a> Hill<'a> {
                 left_out: Some(fold),
                 ..place.clone()
             },
-            derivatives: all.only(|window| self.folds[window] != fold),
+            derivatives: all.only(|window| self.folds[window] != Some(fold)),
             look: Look::Taken,
             damping: DAMPING,
             gain: f64::INFINITY,
@@ -482,7 +482,7 @@ impl<'a> Hill<'a> {
         let mut innovations: Vec<Vec<Innovation>> = vec![Vec::new(); trials.len()];
         self.shooting
             .predict(&trials, &noise, |[trial, window], rows| {
-                if left_out[trial].is_none_or(|fold| self.folds[window] != fold) {
+                if left_out[trial].is_none_or(|fold| self.folds[window] != Some(fold)) {
                     let windows = self.shooting.windows;
                     innovations[trial].extend(innovations_of(windows, window, rows));
                 }

@@ -68,7 +68,7 @@ pub(crate) fn with_filter<T>(
             time: TimeBase::Durations(PerRollout::Shared(&durations)),
             ..Batch::new(&rig, &parameters, commands)
         },
-        observed: PerRollout::Shared(observed),
+        observed: Some(PerRollout::Shared(observed)),
         tilt: None,
         noise: PerRollout::Shared(&[noise]),
     })
@@ -428,7 +428,7 @@ fn threads_and_neighbours_change_no_bit() {
                 time: TimeBase::Durations(PerRollout::Shared(&durations)),
                 ..Batch::new(&rig, &parameters, &commands)
             },
-            observed: PerRollout::Shared(&observed),
+            observed: Some(PerRollout::Shared(&observed)),
             tilt: None,
             noise: PerRollout::Shared(&[noise()]),
         };

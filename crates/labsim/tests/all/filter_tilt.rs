@@ -42,7 +42,7 @@ fn simulated() -> (Vec<[f64; 2]>, Vec<[f64; 2]>) {
 
 fn filtered(
     values: &[[f64; 5]],
-    marble: &[[f64; 2]],
+    marble: Option<&[[f64; 2]]>,
     tilt: Option<(&[[f64; 2]], [f64; 2])>,
     noise: Noise,
     threads: usize,
@@ -50,7 +50,7 @@ fn filtered(
     with_batch(values, |batch| {
         let filter = Filter {
             batch: *batch,
-            observed: PerRollout::Shared(marble),
+            observed: marble.map(PerRollout::Shared),
             tilt: tilt.map(|(rows, [gain, zero])| MeasuredTilt {
                 rows: PerRollout::Shared(rows),
                 predicted: None,
@@ -122,7 +122,7 @@ proptest! {
                 signs.map_or(f64::NAN, |signs| free[axis] + tilt_white * signs[axis])
             }))
             .collect();
-        let (found, likelihoods) = filtered(&[VALUES], &marble, Some((&measured, sensor)), noise, 1).unwrap();
+        let (found, likelihoods) = filtered(&[VALUES], Some(&marble), Some((&measured, sensor)), noise, 1).unwrap();
         for axis in 0..2 {
             let of = |rows: &[[f64; 2]]| -> Vec<f64> { rows.iter().map(|row| row[axis]).collect() };
             let expected = conditioned(&of(&free), &of(&measured), &noise, sensor);
@@ -152,7 +152,7 @@ proptest! {
         let measured: Vec<[f64; 2]> = rows.iter().map(|one| one.unwrap_or([f64::NAN; 2])).collect();
         let values = [gears[0], gears[1], VALUES[2], VALUES[3], VALUES[4]];
         let marble = vec![[f64::NAN; 2]; ROWS];
-        let (found, likelihoods) = filtered(&[values], &marble, Some((&measured, sensor)), noise, 1).unwrap();
+        let (found, likelihoods) = filtered(&[values], Some(&marble), Some((&measured, sensor)), noise, 1).unwrap();
         prop_assert!(found.tilt.as_flattened().iter().all(|one| one.is_finite()));
         prop_assert!(found.tilt_variance.as_flattened().iter().all(|one| *one > 0.0 && one.is_finite()));
         prop_assert!(likelihoods[0].iter().all(|one| one.is_finite()));
@@ -160,7 +160,7 @@ proptest! {
 }
 
 #[test]
-fn a_tilt_changes_no_bit_of_the_marble_and_threads_none_of_either() {
+fn tilt_and_marble_change_no_bit_of_each_other_and_threads_none_of_either() {
     let sized = Noise {
         tilt_white: 1e-3,
         tilt_lasting: 2e-3,
@@ -179,7 +179,7 @@ fn a_tilt_changes_no_bit_of_the_marble_and_threads_none_of_either() {
             ]
         })
         .collect();
-    let run = |tilt, threads| filtered(&values, &marble, tilt, sized, threads).unwrap();
+    let run = |tilt, threads| filtered(&values, Some(&marble), tilt, sized, threads).unwrap();
     let (without, none) = run(None, 1);
     assert!(without.tilt.is_empty() && none.iter().all(|one| one[2..] == [0.0; 2]));
     let (found, likelihoods) = run(Some((&tilt, [0.1, 0.05])), 1);
@@ -193,6 +193,14 @@ fn a_tilt_changes_no_bit_of_the_marble_and_threads_none_of_either() {
         assert_eq!(other.tilt_variance, found.tilt_variance);
         assert_eq!(same, likelihoods);
     }
+    let sweep = Some((&tilt[..], [0.1, 0.05]));
+    let (alone, of_alone) = filtered(&values, None, sweep, sized, 2).unwrap();
+    assert_eq!(alone.tilt, found.tilt);
+    assert_eq!(alone.tilt_variance, found.tilt_variance);
+    assert!(alone.marble.as_flattened().iter().all(|one| one.is_nan()));
+    for (alone, with) in of_alone.iter().zip(&likelihoods) {
+        assert_eq!(*alone, [0.0, 0.0, with[2], with[3]]);
+    }
     // Gears are the less probable the farther they are from those that tilted the board.
     let of_tilt = |i: usize| likelihoods[i][2] + likelihoods[i][3];
     assert!(of_tilt(0) > of_tilt(10) && of_tilt(10) > of_tilt(20));
@@ -201,6 +209,13 @@ fn a_tilt_changes_no_bit_of_the_marble_and_threads_none_of_either() {
 #[test]
 fn a_measured_tilt_without_sizes_of_its_noise_is_refused() {
     let (marble, tilt) = simulated();
-    let refused = filtered(&[VALUES], &marble, Some((&tilt, [0.1, 0.1])), noise(), 1).unwrap_err();
+    let refused = filtered(
+        &[VALUES],
+        Some(&marble),
+        Some((&tilt, [0.1, 0.1])),
+        noise(),
+        1,
+    )
+    .unwrap_err();
     assert!(refused.to_string().contains("tilt_white"), "{refused}");
 }

@@ -213,7 +213,7 @@ fn threads_change_no_bit_without_a_fold() {
                 &all.values,
                 &all.noise,
                 &all.states,
-                &[2, 0, 1, 0, 1, 2],
+                &[Some(2), Some(0), Some(1), None, Some(1), Some(2)],
                 12,
                 &AtomicBool::new(false),
             )
