@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from irt import diagnose
+from irt.engine import SUBSTEP_S
 from irt.rig import TiltSensor
 from tilted_rigs import TILT_NOISE_RAD, ZERO, rig_of, tilted_recordings
 
@@ -30,7 +31,8 @@ def test_dead_time_and_lag_of_a_servo_are_both_found(servo):
     for name, key, truth in (("delay", "delay_s", 0.08), ("lag", "time_constant_s", 0.07)):
         parameter = found[name].parameters[key]
         assert parameter.low <= truth <= parameter.high
-        assert parameter.high - parameter.low < 0.02
+        # Engines differ by a step in when a command takes effect: what the tilt shows is no more certain.
+        assert 1.99 * SUBSTEP_S < parameter.high - parameter.low < 0.02
         assert "latency" not in found[name].confusable_with
 
 

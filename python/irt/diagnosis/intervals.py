@@ -41,6 +41,9 @@ Array = NDArray[np.float64]
 FEWEST = 3
 #: Half-width along the symmetry, in ranges, which stands for no knowledge.
 _UNKNOWN = 10.0
+#: Smallest half-widths. A measured tilt may show times to a fraction of a millisecond, but engines differ by a
+#: time step in when a command takes effect, and a rig does from any engine.
+_RESOLVED = {"delay.delay_s": SUBSTEP_S, "latency.latency_s": SUBSTEP_S, "lag.time_constant_s": SUBSTEP_S}
 #: Half-width of a 95 % interval in standard deviations.
 _NORMAL = float(ndtri(0.5 + CONFIDENCE / 2.0))
 #: Factors of the spread of delays at which its likelihood is evaluated.
@@ -69,7 +72,7 @@ def parameters(
     # Where time is unknown the filter's deviations reach as far along the symmetry as the prior.
     deviations = dict.fromkeys(deviations, 0.0) if not time_is_known(one.dataset) else deviations
     found = {
-        name: _wider(parameter, _NORMAL * deviations[name], *allowed[name])
+        name: _wider(parameter, max(_NORMAL * deviations[name], _RESOLVED.get(name, 0.0)), *allowed[name])
         for name, parameter in with_intervals(information).items()
     }
     for name, loss in losses.items():

@@ -2,7 +2,7 @@
 
 use super::channels::{MARBLE, TILT};
 use super::shooting::Shooting;
-use super::trial::Trial;
+use super::trial::{Trial, distinct};
 use super::windows::Window;
 use crate::effects::{EffectInstance, EffectSpec, effect};
 use crate::engine::Engine;
@@ -109,6 +109,31 @@ impl Shooting<'_> {
         ])
     }
 
+    /// The tilt of trials over windows of the same length, trial after trial. Start states and sizes of noise change
+    /// none.
+    fn tilts(
+        &self,
+        trials: &[&Trial],
+        rows: usize,
+        (indices, windows): (&[usize], &[&Window]),
+    ) -> Result<Vec<[f64; 2]>> {
+        let (own, twins) = distinct(trials);
+        let simulated: Vec<&Trial> = own.iter().map(|&i| trials[i]).collect();
+        let found = self.with_batch(&simulated, rows, (indices, windows), |batch| {
+            batch.run_with_tilt(Engine::Rolling, self.problem.threads, self.cancel)
+        })?;
+        let mut simulated: Vec<usize> = (0..trials.len()).collect();
+        for (i, trial) in own.into_iter().enumerate() {
+            simulated[trial] = i;
+        }
+        for (trial, twin) in twins {
+            simulated[trial] = simulated[twin];
+        }
+        let rows = rows * windows.len();
+        let of_trial = |i: usize| &found.tilt[i * rows..(i + 1) * rows];
+        Ok(simulated.into_iter().flat_map(of_trial).copied().collect())
+    }
+
     /// Calls with the filters of stretches of one length, trial after trial, and the numbers of these stretches.
     fn with_filters(
         &self,
@@ -159,6 +184,11 @@ impl Shooting<'_> {
                     })
                 })
                 .collect();
+            let swept = if *has_marble {
+                None
+            } else {
+                Some(self.tilts(trials, *rows, (indices, &windows))?)
+            };
             self.with_batch(trials, *rows, (indices, &windows), |batch| {
                 let late = if has_tilt {
                     late_commands(batch)?
@@ -166,8 +196,8 @@ impl Shooting<'_> {
                     None
                 };
                 let late = late.as_ref().map(LateCommands::effects);
-                let mut predicted = None;
-                if late.is_some() {
+                let mut predicted = swept;
+                if late.is_some() && predicted.is_none() {
                     let threads = self.problem.threads;
                     let found = batch.run_with_tilt(Engine::Rolling, threads, self.cancel)?;
                     predicted = Some(found.tilt);

@@ -1,5 +1,7 @@
 //! Trials of a search: values and start states to be simulated.
 
+use std::borrow::Borrow;
+
 use super::windows::State;
 
 /// A point, and the number of physics updates per row.
@@ -10,12 +12,12 @@ pub(super) struct Trial {
 }
 
 /// Trials that differ in more than their start states, and for each other trial the one that it equals.
-pub(super) fn distinct(trials: &[Trial]) -> (Vec<usize>, Vec<(usize, usize)>) {
+pub(super) fn distinct(trials: &[impl Borrow<Trial>]) -> (Vec<usize>, Vec<(usize, usize)>) {
     let mut own: Vec<usize> = Vec::new();
     let mut twins = Vec::new();
-    for (i, trial) in trials.iter().enumerate() {
+    for (i, trial) in trials.iter().map(Borrow::borrow).enumerate() {
         let alike = |other: &&usize| {
-            let other = &trials[**other];
+            let other = trials[**other].borrow();
             other.updates == trial.updates && other.values == trial.values
         };
         match own.iter().find(alike) {
