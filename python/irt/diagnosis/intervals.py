@@ -41,8 +41,8 @@ Array = NDArray[np.float64]
 FEWEST = 3
 #: Half-width along the symmetry, in ranges, which stands for no knowledge.
 _UNKNOWN = 10.0
-#: Smallest half-widths. A measured tilt may show times to a fraction of a millisecond, but engines differ by a
-#: time step in when a command takes effect, and a rig does from any engine.
+#: Smallest half-widths. A measured tilt may show times to a fraction of a millisecond, but engines differ by
+#: a time step in when a command takes effect, and a rig does from any engine.
 _RESOLVED = {"delay.delay_s": SUBSTEP_S, "latency.latency_s": SUBSTEP_S, "lag.time_constant_s": SUBSTEP_S}
 #: Half-width of a 95 % interval in standard deviations.
 _NORMAL = float(ndtri(0.5 + CONFIDENCE / 2.0))
