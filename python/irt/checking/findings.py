@@ -87,7 +87,7 @@ def run_findings(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
             "note",
             lambda run: _is_held(rig, run),
             "the marble rests in most rows although the board tilts by more than friction holds",
-            "if it lies in a hole, leave its marble cells empty: the measured tilt still counts; else tilt more",
+            "if it lies in a hole, leave its marble cells empty: its tilt still counts; else tilt more",
         ),
         ("note", lambda run: run.at_rim > MOSTLY_RIM, "the marble is at the rim in most rows", "tilt less"),
         (
