@@ -78,7 +78,7 @@ class Answer:
         self._base = relevance.selection.baseline if self._names else best
         self._proof = relevance.validation.of(best)
         self._base_proof = relevance.validation.of(self._base)
-        self._parameters, self._unidentifiable = relevance.parameters(best)
+        self._parameters, self._unidentifiable = relevance.estimates(best)
         self._known_sources: dict[Scored, list[Source]] = {}
 
     def diagnosis(self, report: Callable[[str], None]) -> Diagnosis:

@@ -118,7 +118,7 @@ def _apart(one: Parameter, neutral: float, loss: float, share: float) -> Paramet
     return Parameter(one.value, one.low, one.high if one.high < neutral else nearest)
 
 
-def may_be_absent(name: str, found: dict[str, Parameter]) -> bool:
+def may_be_absent(name: str, found: Mapping[str, Parameter]) -> bool:
     """Whether the intervals of an effect's size parameters contain the neutral values."""
     asked = [
         (found[f"{name}.{one.name}"], one.neutral) for one in sizes_of(name) if f"{name}.{one.name}" in found
@@ -128,6 +128,23 @@ def may_be_absent(name: str, found: dict[str, Parameter]) -> bool:
     )
 
 
+def spanning(found: Mapping[str, Parameter], others: Mapping[str, Parameter]) -> dict[str, Parameter]:
+    """Return parameters whose intervals contain those of the same parameters in another set, too.
+
+    An effect that does not matter to predictions may be there, and may matter to the values of others: of a
+    dead time and a lag the marble shows little more than their sum. Effects stay distinct from their absence.
+    """
+    wide = dict(found)
+    for name, one in found.items():
+        other = others.get(name)
+        if other is not None and other.low is not None and other.high is not None:
+            wide[name] = _containing(one, other.low, other.high)
+    for effect in {name.partition(".")[0] for name in found if "." in name}:
+        if may_be_absent(effect, wide) and not may_be_absent(effect, found):
+            wide.update({name: one for name, one in found.items() if name.startswith(f"{effect}.")})
+    return wide
+
+
 def _wider(one: Parameter, half_width: float, least: float, most: float) -> Parameter:
     """Return a parameter whose interval has at least this half-width, within what physics allows."""
     if one.low is None or one.high is None:
@@ -135,6 +152,13 @@ def _wider(one: Parameter, half_width: float, least: float, most: float) -> Para
     low = max(least, min(one.low, one.value - half_width))
     high = min(most, max(one.high, one.value + half_width))
     return Parameter(one.value, min(low, one.value), max(high, one.value))
+
+
+def _containing(one: Parameter, low: float, high: float) -> Parameter:
+    """Return a parameter whose interval contains another one."""
+    if one.low is None or one.high is None:
+        return one
+    return Parameter(one.value, min(one.low, low), max(one.high, high))
 
 
 def information_of(one: Scored, held: HeldOut) -> Information:

@@ -45,6 +45,7 @@ class Relevance:
     _without: dict[Scored, dict[str, Scored]] = field(default_factory=dict)
     _freed: dict[tuple[Scored, str], Scored] = field(default_factory=dict)
     _parameters: dict[Scored, Estimates] = field(default_factory=dict)
+    _whole: dict[Scored, Scored] = field(default_factory=dict)
 
     @property
     def validation(self) -> Validation:
@@ -206,12 +207,18 @@ class Relevance:
 
         Effects are removed one by one, the least important first.
         """
-        immaterial = []
+        whole, immaterial = one, []
         while (found := self._superfluous(one)) is not None:
             name, matters = found
             immaterial += [] if matters else [name]
             one = self.without(one, name)
+        self._whole[one] = whole
         return one, frozenset(immaterial)
+
+    def estimates(self, one: Scored) -> Estimates:
+        """Return `parameters` with intervals that hold beside the effects that were removed, too."""
+        found, unknown = self.parameters(one)
+        return intervals.spanning(found, self.parameters(self._whole.get(one, one))[0]), unknown
 
     def _superfluous(self, one: Scored) -> tuple[str, bool] | None:
         """Return a superfluous effect of a set, and whether it matters; None if there is none."""

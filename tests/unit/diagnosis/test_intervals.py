@@ -180,3 +180,27 @@ def test_the_width_of_an_effect_is_plausible_in_the_unit_of_the_commands():
     }
     assert intervals.is_named(info, found)
     assert not intervals.is_named(effect("spring_hysteresis"), found)
+
+
+def test_an_interval_spans_what_a_removed_effect_would_change_and_no_absence():
+    found = {
+        "gear_x": Parameter(0.06, 0.059, 0.061),
+        "gear_y": Parameter(0.05, None, None),
+        "lag.time_constant_s": Parameter(0.12, 0.115, 0.125),
+        "viscous_drag.rate_per_s": Parameter(0.4, 0.3, 0.5),
+    }
+    others = {
+        "gear_x": Parameter(0.062, 0.0615, 0.0625),
+        "gear_y": Parameter(0.05, 0.04, 0.06),
+        "lag.time_constant_s": Parameter(0.1, 0.09, 0.11),
+        "viscous_drag.rate_per_s": Parameter(0.1, -0.1, 0.3),
+        "delay.delay_s": Parameter(0.02, 0.01, 0.03),
+    }
+    assert intervals.spanning(found, others) == {
+        "gear_x": Parameter(0.06, 0.059, 0.0625),
+        "gear_y": Parameter(0.05, None, None),
+        "lag.time_constant_s": Parameter(0.12, 0.09, 0.125),
+        # Without the drag the recordings would be lost: only how large it is is in doubt.
+        "viscous_drag.rate_per_s": Parameter(0.4, 0.3, 0.5),
+    }
+    assert intervals.spanning(found, found) == found
