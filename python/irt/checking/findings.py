@@ -8,7 +8,7 @@ import numpy as np
 
 from irt.checking.result import Finding, RunFacts
 from irt.checking.runs import row_step
-from irt.recording import MARBLE, STAMP
+from irt.recording import MARBLE, STAMP, Recording
 from irt.rig import Rig
 
 #: Number of rows below which a run hardly determines more than its own start state.
@@ -111,8 +111,12 @@ def names(of_runs: Sequence[str]) -> str:
     return ", ".join(of_runs[:4]) + (f" and {len(of_runs) - 4} more" if len(of_runs) > 4 else "")
 
 
+def _recording(rig: Rig, run: RunFacts) -> Recording:
+    return next(one for one in rig.recordings if one.name == run.name)
+
+
 def _lacks_marble(rig: Rig, run: RunFacts) -> bool:
-    return not next(one for one in rig.recordings if one.name == run.name).has_marble
+    return not _recording(rig, run).has_marble
 
 
 def _is_held(rig: Rig, run: RunFacts) -> bool:
@@ -121,7 +125,7 @@ def _is_held(rig: Rig, run: RunFacts) -> bool:
     Some rows do both if the shares of those that do either add up to more than all. A slow marble may seem to
     rest.
     """
-    tilt = next(one for one in rig.recordings if one.name == run.name).tilt
+    tilt = _recording(rig, run).tilt
     if run.at_rest <= MOSTLY_REST or tilt is None or not np.isfinite(tilt).any():
         return False
     _, friction = rig.ranges["rolling_friction"]

@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from irt.diagnosis import config
 from irt.model import TILT_SENSOR, Effect, Model
 from irt.recording import Recording
-from irt.tilt_errors import errors, is_comparable, predicted
+from irt.tilt_errors import Predicted, errors, is_comparable, predicted
 
 Array = NDArray[np.float64]
+
+#: How errors of the tilt are stated.
+_MEASURE = "root mean square, apart from zero and gain of the sensor"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +52,7 @@ class TiltPredictions:
         of = " of held-out recordings" if self.is_held_out else ""
         text = (
             f"From the commands alone, the answer predicts the measured tilt{of} to {_pair(after)} "
-            "(root mean square, apart from zero and gain of the sensor)"
+            f"({_MEASURE})"
         )
         (own,) = {_names(one) for one in self.answer}
         if not own:
@@ -69,17 +72,16 @@ class TiltPredictions:
     def _off(self, models: Sequence[Model]) -> Array:
         """Return the errors of a model for each recording about x and y, (2,) [mrad]."""
         pairs = zip(models, self.recordings, strict=True)
-        found = errors([predicted(model, run) for model, run in pairs if is_comparable(run)])
-        return 1000.0 * np.array([axis.gain for axis in found])
+        return _off([predicted(model, run) for model, run in pairs if is_comparable(run)])
 
 
 def of_sweeps(model: Model, sweeps: Sequence[Recording]) -> str:
     """Return how well a model predicts the tilt of recordings without a marble, to which it was fitted."""
-    off = 1000.0 * np.array([axis.gain for axis in errors([predicted(model, run) for run in sweeps])])
+    off = _off([predicted(model, run) for run in sweeps])
     names, has = ", ".join(one.name for one in sweeps), "has" if len(sweeps) == 1 else "have"
     return (
         f"{names} {has} no marble. The measured tilt was fitted, never held out; the answer predicts it to "
-        f"{_pair(off)} (root mean square, apart from zero and gain of the sensor)."
+        f"{_pair(off)} ({_MEASURE})."
     )
 
 
@@ -101,6 +103,11 @@ def _difference(own: frozenset[str], others: frozenset[str]) -> str:
 
 def _names(model: Model) -> frozenset[str]:
     return frozenset(one.name for one in model.effects)
+
+
+def _off(runs: Sequence[Predicted]) -> Array:
+    """Return the errors of predictions about x and y, (2,) [mrad]."""
+    return 1000.0 * np.array([axis.gain for axis in errors(runs)])
 
 
 def _pair(values: Array) -> str:

@@ -56,7 +56,8 @@ impl Problem<'_> {
 
     /// Ascends from the top of all stretches once for each fold, without its stretches, in order of the folds.
     ///
-    /// `folds` has the fold of each stretch; one of none is never left out. The derivatives at the start are taken once for all folds.
+    /// `folds` has the fold of each stretch; one of none is never left out. The derivatives at the start are taken once
+    /// for all folds.
     ///
     /// # Errors
     /// As [`Problem::fit`].
