@@ -23,6 +23,8 @@ MEAN, SMOOTHING = "delay", "lag"
 ON_AVERAGE = (MEAN, SMOOTHING)
 #: Names of the sizes of delay and lag.
 SHIFT_S, SMOOTHED_S = f"{MEAN}.delay_s", f"{SMOOTHING}.time_constant_s"
+#: Sizes of the effects that act by a time.
+SIZES_OF_TIMES = {MEAN: SHIFT_S, "latency": "latency.latency_s", SMOOTHING: SMOOTHED_S}
 #: Effects that delay jitter includes, and that are not combined with it.
 SMOOTHED = ALIKE | {SMOOTHING}
 

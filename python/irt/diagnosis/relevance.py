@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from irt.catalogue import effect
-from irt.diagnosis import calibration, config, intervals
-from irt.diagnosis.hypotheses import JITTER, group_of
+from irt.diagnosis import calibration, config, intervals, words
+from irt.diagnosis.hypotheses import JITTER, SIZES_OF_TIMES, group_of
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scored, Scores
 from irt.diagnosis.selection import Selection
@@ -216,9 +216,20 @@ class Relevance:
         return one, frozenset(immaterial)
 
     def estimates(self, one: Scored) -> Estimates:
-        """Return `parameters` with intervals that hold beside the effects that were removed, too."""
+        """Return `parameters` with intervals that hold beside effects that may be there, too.
+
+        Those are the effects that were removed, and of delay and lag the one that was not found.
+        """
         found, unknown = self.parameters(one)
-        return intervals.spanning(found, self.parameters(self._whole.get(one, one))[0]), unknown
+        found = intervals.spanning(found, self.parameters(self._whole.get(one, one))[0])
+        both = intervals.with_delay_and_lag(one)
+        if both is None:
+            return found, unknown
+        both = self.as_free(both, one)
+        wider = intervals.spanning(found, intervals.parameters(both, self.validation.of(both), {})[0])
+        own = [name for name, size in SIZES_OF_TIMES.items() if found.get(size) != wider.get(size)]
+        (more,) = set(both.effects).difference(one.effects)
+        return wider, (*unknown, *(words.of_the_sum(name, more) for name in own))
 
     def _superfluous(self, one: Scored) -> tuple[str, bool] | None:
         """Return a superfluous effect of a set, and whether it matters; None if there is none."""

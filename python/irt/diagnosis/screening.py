@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from irt.catalogue import EffectInfo, effect
 from irt.diagnosis import config
-from irt.diagnosis.hypotheses import JITTER, SHIFT_S, SMOOTHED, SMOOTHED_S
+from irt.diagnosis.hypotheses import JITTER, SHIFT_S, SIZES_OF_TIMES, SMOOTHED, SMOOTHED_S
 from irt.diagnosis.score import KICK, Scored, Scores, start_unknown
 from irt.engine import SUBSTEP_S
 from irt.fitting.effect_size import size_of, sizes_of
@@ -132,8 +132,7 @@ class Screening:
         """Screen delay jitter: try each spread and mean."""
         problem = self._scores.problem(child(self._parent.effects, JITTER))
         shift, smoothing = (problem.names.index(one) for one in (SHIFT_S, SMOOTHED_S))
-        late = (SHIFT_S, "latency.latency_s", SMOOTHED_S)
-        known = sum(self._parent.values.get(one, 0.0) for one in late)
+        known = sum(self._parent.values.get(one, 0.0) for one in SIZES_OF_TIMES.values())
         means = [known] if known > SUBSTEP_S else list(config.MEANS)
         tried = list(itertools.product(means, config.KICKS))
         values = np.tile([self._parent.values.get(one, 0.0) for one in problem.names], (len(tried), 1))

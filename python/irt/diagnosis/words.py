@@ -206,6 +206,14 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path, rest: Rest = "") -> st
     )
 
 
+def of_the_sum(own: str, more: str) -> str:
+    """Return a sentence on an interval that was widened to hold beside another effect of the actuator."""
+    return (
+        f"{own} and {more}: the recordings show little more than the sum of their times. The interval of "
+        f"{own} also holds if there is a {more}."
+    )
+
+
 def notes(
     dataset: Dataset, best: Fitted, delays: Mapping[str, Parameter] | None, *, explained: bool
 ) -> Iterator[str]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from irt.catalogue import effect
-from irt.diagnosis import config
+from irt.diagnosis import config, intervals
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.score import Scores
 from irt.diagnosis.selection import Selection
@@ -124,3 +124,41 @@ def test_an_effect_is_judged_beside_the_better_values_without_it(plant, monkeypa
     assert not relevance.posterior.best.is_exact
     kept, _ = relevance.kept(relevance.posterior.best)
     assert bool(kept.effects) is is_kept
+
+
+LAG = {"name": "lag", "time_constant_s": 0.1}
+
+
+@pytest.mark.parametrize("late", [{"name": "delay", "delay_s": 0.02}, None])
+def test_the_interval_of_a_lag_holds_beside_a_delay_that_is_too_small_to_be_found(plant, late):
+    best, relevance = judged(plant([LAG, *([late] if late else [])], rows=90, stamped=True, seed=5))
+    assert best.effects == ("lag",)
+    found, unknown = relevance.estimates(best)
+    lag = found["lag.time_constant_s"]
+    assert lag.low < 0.1 < lag.high
+    alone = relevance.parameters(best)[0]["lag.time_constant_s"]
+    assert (alone.low < 0.1 < alone.high) is (late is None)
+    assert any(sentence.startswith("lag and delay: ") for sentence in unknown)
+
+
+@pytest.mark.parametrize(
+    ("effects", "more"),
+    [
+        (("lag",), "delay"),
+        (("delay",), "lag"),
+        (("latency",), "lag"),
+        (("delay", "lag"), None),
+        (("lag", "latency"), None),
+        (("delay_jitter",), None),
+        (("tilt_bias",), None),
+        ((), None),
+    ],
+)
+def test_of_delay_and_lag_the_missing_one_is_put_beside_the_other(plant, effects, more):
+    scores = Scores(plant([LAG], runs=2, rows=40, stamped=True))
+    base = scores.base()
+    problem = scores.problem(effects)
+    values = scores.from_where(problem, base)[None]
+    (one,) = scores.ascend(effects, values, base.noise[None], base.top.states, iterations=2)
+    both = intervals.with_delay_and_lag(one)
+    assert (both and both.effects) == (more and (*effects, more))
