@@ -58,8 +58,9 @@ def main() -> None:
     with ProcessPoolExecutor(args.jobs, multiprocessing.get_context("spawn")) as pool:
         tried = pool.map(partial(kept, args.out, args.seed), range(args.rigs))
         for number, one in enumerate(tried):
-            after = ", ".join(f"{kind}: {_words(again)}" for kind, again in one.get("after", {}).items())
-            print(f"{number:4d} {' + '.join(one['hidden'])}: {_words(one['before'])}; {after}", flush=True)
+            before = one.get("refused") or _words(one["before"])
+            after = "".join(f"; {kind}: {_words(again)}" for kind, again in one.get("after", {}).items())
+            print(f"{number:4d} {' + '.join(one['hidden'])}: {before}{after}", flush=True)
     print("\n".join(table(args.out)))
 
 
@@ -83,7 +84,11 @@ def of_rig(seed: int, index: int) -> dict[str, Any]:
     hidden = sorted(one["name"] for one in effects)
     knobs = setting.knobs[:RUNS, :ROWS]
     rig = Rig.from_recordings(_recorded(setting, effects, knobs, None, random))
-    before = irt.diagnose(rig, threads=1)
+    try:
+        before = irt.diagnose(rig, threads=1)
+    except irt.IrtError as error:
+        # A dead band may be larger than all commands.
+        return {"hidden": hidden, "refused": str(error)}
     found: dict[str, Any] = {"hidden": hidden, "before": answer(before, hidden)}
     if not found["before"]["exact"]:
         found["after"] = {}

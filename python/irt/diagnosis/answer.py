@@ -17,7 +17,7 @@ from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.detectability import detectability
 from irt.diagnosis.held_out_tilt import TiltPredictions, of_sweeps, with_sensor
-from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_of
+from irt.diagnosis.hypotheses import ALIKE, JITTER, group_of
 from irt.diagnosis.latent_force import LatentForce, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
 from irt.diagnosis.needed import Needed
@@ -335,8 +335,6 @@ class Answer:
     def _named(self, name: str, tied: list[Tie], again: Nested | None) -> NamedEffect:
         own, info = f"{name}.", in_unit_of(self._dataset.rig, effect(name))
         found = {key.removeprefix(own): one for key, one in self._parameters.items() if key.startswith(own)}
-        if name == JITTER:
-            found["mean_s"] = self._mean_delay()
         alike = [*group_of(name), *(one.instead for one in tied)]
         # A learned correction is not part of the catalogue's posterior.
         chance = 1.0 if name == UNLISTED else self._posterior.any_of(alike)
@@ -352,16 +350,6 @@ class Answer:
             probability=chance,
             chosen_again=float("nan") if again is None else again.share_with(alike),
         )
-
-    def _mean_delay(self) -> Parameter:
-        """Return the mean of jittered delays, the sum of shift and smoothing, which alone is known well."""
-        parts = [self._parameters[key] for key in (SHIFT_S, SMOOTHED_S)]
-        mean = sum(one.value for one in parts)
-        if any(one.low is None or one.high is None for one in parts):
-            return Parameter(mean)
-        below = math.hypot(*(one.value - (one.low or 0.0) for one in parts))
-        above = math.hypot(*((one.high or 0.0) - one.value for one in parts))
-        return Parameter(mean, max(0.0, mean - below), mean + above)
 
     def _remains(self, shares: tuple[Share, ...], floor: float) -> Remains:
         rest = [one.share for one in shares if one.what == REST and one.horizon_s is None]

@@ -24,8 +24,8 @@ from scipy.special import ndtri, stdtrit
 from irt.catalogue import EffectInfo
 from irt.diagnosis import config
 from irt.diagnosis.dataset import Fitted
-from irt.diagnosis.hypotheses import JITTER, MEAN, SIZES_OF_TIMES, SMOOTHING
-from irt.diagnosis.score import KICK, Scored, Scores
+from irt.diagnosis.hypotheses import JITTER, MEAN, SHIFT_S, SIZES_OF_TIMES, SMOOTHED_S, SMOOTHING
+from irt.diagnosis.score import KICK, SCALE_OF_NORMAL, Scored, Scores, mean_delay
 from irt.diagnosis.time_symmetry import at_one_time_scale, powers, time_is_known
 from irt.diagnosis.validation import HeldOut
 from irt.engine import SUBSTEP_S
@@ -86,6 +86,7 @@ def parameters(
             found[key] = _apart(found[key], size.neutral, loss, share)
     if JITTER in one.effects:
         found[f"{JITTER}.sd_s"] = _spread(one, found["time_scale"])
+        found[f"{JITTER}.mean_s"] = _mean_delay(one, information, found["time_scale"])
     return found, unidentifiable(information)
 
 
@@ -267,7 +268,9 @@ def _without_time(fitted: Fitted, information: Information) -> Information:
 def _spread(one: Scored, time_scale: Parameter) -> Parameter:
     """Return the standard deviation of jittered delays [s], with its 95 % interval by the likelihood.
 
-    Without stamps the interval is as much wider as the time scale is unknown.
+    The filter's size is a scale of Student's t, which is smaller than that of normal delays, unless delays
+    are longer than a row: commands then overtake each other, and what is left of their delays is correlated.
+    Therefore the interval spans both.
     """
     size = float(one.noise[KICK])
     problem = Scores.of(one).problem(one.effects)
@@ -276,13 +279,34 @@ def _spread(one: Scored, time_scale: Parameter) -> Parameter:
     count = len(noises)
     found = problem.filter(np.tile(one.top.values, (count, 1)), noises, [one.top.states] * count)
     likelihood = np.array([float(each.log_likelihood.sum()) for each in found])
-    inside = noises[likelihood > likelihood.max() - _FALLEN, KICK]
-    low, high = float(min(inside.min(), size)), float(max(inside.max(), size))
-    if one.dataset.time_scale is None:
-        if time_scale.low is None or time_scale.high is None:
-            return Parameter(size)
-        low, high = low * time_scale.low / time_scale.value, high * time_scale.high / time_scale.value
-    return Parameter(size, low, high)
+    inside = np.flatnonzero(likelihood > likelihood.max() - _FALLEN)
+    # The ends of the interval are between those of the grid inside and the next ones.
+    ends = noises[np.clip([inside[0] - 1, inside[-1] + 1], 0, count - 1), KICK]
+    low, high = min(float(ends[0]), size), max(float(ends[1]), size)
+    return _of_time(Parameter(size / SCALE_OF_NORMAL, low, high / SCALE_OF_NORMAL), one, time_scale)
+
+
+def _mean_delay(one: Scored, information: Information, time_scale: Parameter) -> Parameter:
+    """Return the mean of jittered delays [s], the sum of shift and smoothing, which alone is known well."""
+    mean = mean_delay(one.values)
+    sizes = [SHIFT_S, SMOOTHED_S]
+    along = np.where(np.isin(information.names, sizes), information.widths, 0.0)
+    half_width = max(SUBSTEP_S, information.margin(along))
+    if time_is_known(one.dataset):
+        own = [one.names.index(name) for name in sizes]
+        variance = float(one.top.covariance[np.ix_(own, own)].sum())
+        half_width = max(half_width, _NORMAL * math.sqrt(max(0.0, variance)))
+    return _of_time(Parameter(mean, max(0.0, mean - half_width), mean + half_width), one, time_scale)
+
+
+def _of_time(found: Parameter, one: Scored, time_scale: Parameter) -> Parameter:
+    """Return a time [s] whose interval is as much wider as the time scale is unknown, without stamps."""
+    if one.dataset.time_scale is not None:
+        return found
+    if time_scale.low is None or time_scale.high is None or found.low is None or found.high is None:
+        return Parameter(found.value)
+    shares = time_scale.low / time_scale.value, time_scale.high / time_scale.value
+    return Parameter(found.value, found.low * shares[0], found.high * shares[1])
 
 
 def is_named(info: EffectInfo, found: dict[str, Parameter]) -> bool:

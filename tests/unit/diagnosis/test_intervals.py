@@ -8,6 +8,7 @@ from irt.diagnosis import intervals, time_symmetry
 from irt.diagnosis.dataset import Dataset, Fitted
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scores
+from irt.diagnosis.selection import Selection
 from irt.diagnosis.validation import Validation
 from irt.engine import rollouts
 from irt.model import Parameter
@@ -45,6 +46,19 @@ def test_intervals_hold_what_was_planted(plant, pushed):
     # Fewer than 32 of 40 independent intervals contain the truth with a probability of 1e-4.
     assert sum(held) >= 32
     assert np.median(widths) < (0.5 if pushed else 0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sd_s", [0.05, 0.1], ids=["shorter than a row", "longer than a row"])
+def test_mean_and_spread_of_delays_are_known_where_shift_and_lag_are_not(plant, sd_s):
+    effects = [{"name": "delay", "delay_s": 0.3}, {"name": "delay_jitter", "sd_s": sd_s}]
+    scores = Scores(plant(effects, runs=8, rows=100, stamped=True))
+    best = Selection(scores, ["delay", "delay_jitter"], lambda _: None).run().best
+    assert best.effects == ("delay_jitter",)
+    found = intervals.parameters(best, Validation().of(best), {})[0]
+    spread, mean = (found[f"delay_jitter.{name}"] for name in ("sd_s", "mean_s"))
+    assert spread.low < sd_s < spread.high < 2.0 * spread.low
+    assert mean.low < 0.3 < mean.high < 0.5
 
 
 @pytest.mark.slow
