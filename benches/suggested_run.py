@@ -36,6 +36,8 @@ from irt.recording import Recording
 from irt.rig import Rig
 from irt.suggestion import suggest
 from irt.suggestion.excitations import FAMILIES, GENES, Limits, draw
+from machine import machine
+from write_table import fill
 
 Array = NDArray[np.float64]
 
@@ -53,6 +55,7 @@ def main() -> None:
     parser.add_argument("--rigs", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--page", type=Path, help="page whose block bench:suggested gets the table")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(args.jobs, multiprocessing.get_context("spawn")) as pool:
@@ -61,7 +64,11 @@ def main() -> None:
             before = one.get("refused") or _words(one["before"])
             after = "".join(f"; {kind}: {_words(again)}" for kind, again in one.get("after", {}).items())
             print(f"{number:4d} {' + '.join(one['hidden'])}: {before}{after}", flush=True)
-    print("\n".join(table(args.out)))
+    text = "\n".join(table(args.out))
+    print(text)
+    if args.page:
+        page = fill(args.page.read_text(encoding="utf-8"), {"suggested": f"{text} Measured on {machine()}."})
+        write_atomic(args.page, page)
 
 
 def kept(out: Path, seed: int, index: int) -> dict[str, Any]:
@@ -144,7 +151,7 @@ def table(out: Path) -> list[str]:
         for kind, other in ((SUGGESTED, RANDOM), (RANDOM, SUGGESTED))
     }
     lines = [
-        f"{len(every)} rigs, {len(again)} of them tied or missed with {RUNS} runs of {ROWS} rows",
+        f"{len(every)} rigs, {len(again)} of them tied or missed with {RUNS} runs of {ROWS} rows:",
         "",
         *wording.header(["one more run", "exactly what is hidden, without a tie", "where the other is not"]),
     ]
@@ -153,7 +160,7 @@ def table(out: Path) -> list[str]:
         lines.append(wording.row([kind, wording.rate_of(rate), str(alone)]))
     if sum(wins.values()):
         chance = binomtest(wins[SUGGESTED], sum(wins.values()), alternative="greater").pvalue
-        lines += ["", f"Probability of so many more by chance (sign test): {chance:.2g}"]
+        lines += ["", f"Probability of so many more by chance (sign test): {chance:.2g}."]
     return lines
 
 

@@ -42,4 +42,4 @@ def test_wins_are_counted_in_pairs(tmp_path):
     assert suggested == "| suggested | 66.7 % (39.1 to 86.2) of 12 | 6 |"
     assert random == "| random | 25.0 % (8.9 to 53.2) of 12 | 1 |"
     # Of seven that differ, six or more: (7 + 1) / 2^7.
-    assert chance.endswith(": 0.062")
+    assert chance.endswith(": 0.062.")
