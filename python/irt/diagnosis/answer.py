@@ -187,13 +187,10 @@ class Answer:
     def _scores(self) -> Scores:
         return self._relevance.selection.scores
 
-    @functools.cached_property
+    @property
     def _noise(self) -> float:
-        """Standard deviation of the tracker's white and correlated noise together [board edges].
-
-        The filter's noise sizes are scales of Student's t, which are converted to those of normal errors.
-        """
-        return float(np.hypot(*self._best.noise[[WHITE, LASTING]])) / SCALE_OF_NORMAL
+        """Standard deviation of the tracker's noise [board edges]."""
+        return self._best.tracker
 
     @functools.cached_property
     def _push(self) -> float:

@@ -107,6 +107,14 @@ class Scored:
         """Noise sizes as taken by `Problem.filter`, (14,)."""
         return np.asarray(self.top.noise)
 
+    @property
+    def tracker(self) -> float:
+        """Standard deviation of the tracker's white and correlated noise together [board edges].
+
+        The filter's noise sizes are scales of Student's t, which are converted to those of normal errors.
+        """
+        return float(np.hypot(*self.noise[[WHITE, LASTING]])) / SCALE_OF_NORMAL
+
     @functools.cached_property
     def fitted(self) -> Fitted:
         """The evaluation of its values by free runs."""

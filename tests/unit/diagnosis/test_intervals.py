@@ -17,6 +17,8 @@ from irt.rig import PARAMETERS
 DRAG = {"name": "viscous_drag", "rate_per_s": 0.8}
 TRUTH = dict(zip(PARAMETERS, (0.06, 0.05, 4e-4, 15.0, 1.03), strict=True)) | {"viscous_drag.rate_per_s": 0.8}
 SLOWED = (0.06, 0.05, 4e-4, 20.0, 1.0)
+#: Standard deviation of the planted tracker [board edges].
+NOISE = 1e-3
 
 
 def parameters(dataset, name="viscous_drag", near=(0.5,)):
@@ -218,3 +220,11 @@ def test_an_interval_spans_what_a_removed_effect_would_change_and_no_absence():
         "viscous_drag.rate_per_s": Parameter(0.4, 0.3, 0.5),
     }
     assert intervals.spanning(found, found) == found
+
+
+def test_what_the_picture_scales_is_known_no_better_than_its_corners(plant):
+    """The four corners are 0.65 long edges from the centre each, together 1.3."""
+    found = parameters(plant([DRAG], runs=8, stamped=True))
+    for name in ("gear_x", "gear_y", "rolling_friction", "observation_scale"):
+        one = found[name]
+        assert min(one.high - one.value, one.value - one.low) > 1.8 * NOISE / 1.31 * one.value
