@@ -85,7 +85,7 @@ def values(one: NamedEffect, info: EffectInfo, stated: Stated) -> Table | None:
         known = ["-", ""] if found is None else [_searched(found, stated), found.doc]
         rows.append([labelled(shown, unit), with_interval(value), *known])
     return Table(
-        "Fitted value and 95 % interval, given that the named physics is right, or lacks what hardly matters",
+        "Fitted value and 95 % interval, if the named physics is right; what hardly matters may act, too",
         ["parameter", "value", "search range", "description"],
         rows,
         words=(3,),
