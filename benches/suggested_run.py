@@ -32,10 +32,10 @@ from irt.diagnosis.result import Diagnosis
 from irt.files import read_json, write_atomic
 from irt.proof import wording
 from irt.proof.metrics import Rate
+from irt.proof.propose import RANDOM, SUGGESTED, random_run
 from irt.recording import Recording
 from irt.rig import Rig
 from irt.suggestion import suggest
-from irt.suggestion.excitations import FAMILIES, GENES, Limits, draw
 from machine import machine
 from write_table import fill
 
@@ -43,8 +43,6 @@ Array = NDArray[np.float64]
 
 #: Recordings of a rig, and their rows: so few that ties and misses are frequent.
 RUNS, ROWS = 3, 60
-#: What one more run may be.
-SUGGESTED, RANDOM = "suggested", "random"
 ENGINES = ("mujoco", "rapier")
 
 
@@ -125,7 +123,7 @@ def _next(kind: str, rig: Rig, found: Diagnosis, random: np.random.Generator) ->
         models, chances = zip(*((one.model, one.probability) for one in found.plausible), strict=True)
         run = suggest(rig, models, found.noise, probabilities=chances, threads=1)
         return run.commands, run.start
-    drawn = draw(str(random.choice(list(FAMILIES))), random.random(GENES), Limits.of(rig, None))
+    drawn = random_run(rig, random)
     return drawn.commands, drawn.start
 
 

@@ -42,8 +42,7 @@ def is_within_error(name: str, values: Mapping[str, float], rig: HasBoardAndMarb
     noise : float
         Standard deviation of the tracker [board edges along x].
     """
-    board = rig.board
-    places = _PLACES * (1.0, board.edge_y_m / board.edge_x_m)
+    places = _places(rig)
     moved = seen(places, rig, [{"name": name, **values}])
     shifts = (moved - places)[:_CORNERS]
     size = float(np.sum(shifts**2))
@@ -62,8 +61,12 @@ def scale_error(rig: HasBoardAndMarble, noise: float) -> float:
     with the tracker's standard deviation `noise` [board edges along x] it has that over the root of the sum
     of their squares.
     """
-    corners = _PLACES[:_CORNERS] * (1.0, rig.board.edge_y_m / rig.board.edge_x_m)
-    return float(noise / np.linalg.norm(corners))
+    return float(noise / np.linalg.norm(_places(rig)[:_CORNERS]))
+
+
+def _places(rig: HasBoardAndMarble) -> Array:
+    """Return the places (9, 2) on a board, the corners first [board edges along x]."""
+    return _PLACES * (1.0, rig.board.edge_y_m / rig.board.edge_x_m)
 
 
 def _projective(places: Array, moved: Array) -> Array:

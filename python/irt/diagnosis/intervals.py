@@ -284,8 +284,8 @@ def _spread(one: Scored, time_scale: Parameter) -> Parameter:
     """Return the standard deviation of jittered delays [s], with its 95 % interval by the likelihood.
 
     The filter's size is a scale of Student's t, which is smaller than that of normal delays, unless delays
-    are longer than a row: commands then overtake each other, and what is left of their delays is correlated.
-    Therefore the interval spans both.
+    are longer than a row: commands then overtake each other, and the delays of those that arrive are
+    correlated. Therefore the interval spans both.
     """
     size = float(one.noise[KICK])
     problem = Scores.of(one).problem(one.effects)

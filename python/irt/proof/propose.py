@@ -24,7 +24,7 @@ from irt.proof.blind import CHANCES
 from irt.recording import save_recording
 from irt.rig import Rig, load_rig
 from irt.suggestion import suggest
-from irt.suggestion.excitations import FAMILIES, GENES, Limits, draw
+from irt.suggestion.excitations import FAMILIES, GENES, Excitation, Limits, draw
 
 SUGGESTED, RANDOM = "suggested", "random"
 
@@ -51,11 +51,16 @@ def main(words: Sequence[str]) -> int:
 
 def save_random(rig: Rig, path: Path) -> None:
     """Write a random run from the families of `irt suggest`, within the rig's limits."""
-    stamped = stamped_time_scale(rig)
-    random = np.random.default_rng(0)
-    family = str(random.choice(list(FAMILIES)))
-    run = draw(family, random.random(GENES), Limits.of(rig, None if stamped is None else stamped * SUBSTEP_S))
+    run = random_run(rig, np.random.default_rng(0))
     save_recording(path, run.commands, np.vstack([run.start, np.full_like(run.commands[1:], np.nan)]))
+
+
+def random_run(rig: Rig, random: np.random.Generator) -> Excitation:
+    """Draw a run from the families of `irt suggest`, within the rig's limits."""
+    stamped = stamped_time_scale(rig)
+    family = str(random.choice(list(FAMILIES)))
+    limits = Limits.of(rig, None if stamped is None else stamped * SUBSTEP_S)
+    return draw(family, random.random(GENES), limits)
 
 
 if __name__ == "__main__":
