@@ -1,0 +1,127 @@
+"""Drake: compliant spheres and boxes with Hunt and Crossley's dissipation, and regularised Coulomb friction.
+
+A marble rebounds the more the slower it is: at an approach speed v, Drake's rim gives back about
+1 / (1 + 0.6 dissipation v) of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.geometry import AddContactMaterial, Box, ProximityProperties, Sphere
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    CoulombFriction,
+    ExternallyAppliedSpatialForce,
+    MultibodyPlantConfig,
+)
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from irt.proof.pybullet_world.engine import STEP_S, Base, follow, heavy_side
+from irt.proof.pybullet_world.physics import EDGE_X_M, EDGE_Y_M, MASS_KG, RADIUS_M, Array, Physics
+from other_engines.rolling_friction import SLIDING, resistance
+
+#: Stiffness of a contact [N/m]; the marble sinks into the board by 0.5 um.
+STIFFNESS = 2e4
+#: Dissipation of board and rim [s/m]: a marble of 0.05 m/s keeps 7 % of its speed.
+DISSIPATION = 500.0
+
+
+class Roll:
+    """Moves the marble: a `Roll` of the concealed world."""
+
+    def __init__(self, dissipation: float = DISSIPATION) -> None:
+        self._dissipation = dissipation
+
+    def __call__(
+        self, base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequence[Physics]
+    ) -> Array:
+        """Return the marble's centre (steps + 1, 2) [m]."""
+        return follow(_Marble(base, start_m, hidden, self._dissipation), base, tilts, start_m, hidden)
+
+
+class _Marble:
+    """The marble in Drake: a `Body` of the concealed world."""
+
+    def __init__(
+        self, base: Base, start_m: tuple[float, float], hidden: Sequence[Physics], dissipation: float
+    ) -> None:
+        builder = DiagramBuilder()
+        config = MultibodyPlantConfig(
+            time_step=STEP_S, contact_model="point", discrete_contact_approximation="lagged"
+        )
+        plant, _ = AddMultibodyPlant(config, builder)
+        # Gravity turns in the board's frame; it is applied as a force.
+        plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, 0.0])
+        heavy, inertia = heavy_side(hidden), UnitInertia.SolidSphere(RADIUS_M)
+        mass = SpatialInertia.MakeFromCentralInertia(MASS_KG, heavy, inertia * MASS_KG)
+        body = plant.AddRigidBody("marble", mass)
+        plant.RegisterCollisionGeometry(
+            body, RigidTransform(), Sphere(RADIUS_M), "marble", _material(DISSIPATION)
+        )
+        half_x, half_y, thick = EDGE_X_M / 2.0, EDGE_Y_M / 2.0, 0.02
+        walls = [("board", (0.0, 0.0, -thick), (half_x + thick, half_y + thick, thick), DISSIPATION)]
+        walls += [
+            (
+                f"rim {x} {y}",
+                (x * (half_x + thick), y * (half_y + thick), thick),
+                (thick if x else half_x + 2.0 * thick, thick if y else half_y + 2.0 * thick, thick),
+                dissipation,
+            )
+            for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1))
+        ]
+        for name, centre, half, of_wall in walls:
+            box = Box(*(2.0 * np.array(half)))
+            plant.RegisterCollisionGeometry(
+                plant.world_body(), RigidTransform(centre), box, name, _material(of_wall)
+            )
+        plant.Finalize()
+        self._simulator = Simulator(builder.Build())
+        self._plant, self._steps = plant, 0
+        self._context = plant.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
+        plant.SetPositions(self._context, np.array([1.0, 0.0, 0.0, 0.0, *start_m, RADIUS_M]))
+        self._applied = ExternallyAppliedSpatialForce()
+        self._applied.body_index, self._applied.p_BoBq_B = body.index(), heavy
+        self._friction = base.rolling_friction
+        self.push(np.zeros(3), np.zeros(3), 1.0)
+        self._simulator.Initialize()
+
+    def step(self, pull: Sequence[float]) -> Sequence[float]:
+        """Go on by a step under gravity (3,) [m/s^2]; return the marble's centre [m]."""
+        force = MASS_KG * (np.array(pull) + self._force)
+        torque = MASS_KG * self._torque
+        spin = self._plant.GetVelocities(self._context)[:3]
+        against = resistance(spin, force, torque, self._friction * self._factor)
+        self._applied.F_Bq_W = SpatialForce(torque + against, force)
+        self._plant.get_applied_spatial_force_input_port().FixValue(self._context, [self._applied])
+        self._steps += 1
+        self._simulator.AdvanceTo(self._steps * STEP_S)
+        place: list[float] = self._plant.GetPositions(self._context)[4:].tolist()
+        return place
+
+    def push(self, force: Array, torque: Array, factor: float) -> None:
+        """Push the marble in the next step."""
+        self._force, self._torque, self._factor = force, torque, factor
+
+    def velocity(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Return velocity [m/s] and spin [rad/s]."""
+        found = self._plant.GetVelocities(self._context)
+        return found[3:].tolist(), found[:3].tolist()
+
+    def set_velocity(self, moves: Sequence[float], turns: Sequence[float]) -> None:
+        """Set velocity [m/s] and spin [rad/s]."""
+        self._plant.SetVelocities(self._context, np.array([*turns, *moves]))
+
+
+def _material(dissipation: float) -> ProximityProperties:
+    properties = ProximityProperties()
+    friction = CoulombFriction(SLIDING, SLIDING)
+    AddContactMaterial(
+        dissipation=dissipation, point_stiffness=STIFFNESS, friction=friction, properties=properties
+    )
+    return properties
