@@ -79,6 +79,13 @@ def pair(name: str, value: object) -> tuple[float, float]:
     return number(name, value[0]), number(name, value[1])
 
 
+def upwards(name: str, low: float, high: float) -> None:
+    """Raise `IrtError` unless a range runs upwards."""
+    if low >= high:
+        how = "empty" if low == high else "upside down"
+        raise IrtError(f"{name}: the range [{low}, {high}] is {how}; expected [low, high] with low < high")
+
+
 def array(name: str, values: Any) -> NDArray[np.float64]:
     """Return a copy of an array of numbers."""
     try:

@@ -129,8 +129,7 @@ class TiltSensor:
         if self.noise_rad is not None:
             check_number("noise_rad", self.noise_rad, _TINY, 1.0, " rad")
         low, high = arguments.pair("offset", self.offset)
-        if low >= high:
-            raise IrtError(f"offset: the range [{low}, {high}] is upside down; expected [low, high]")
+        arguments.upwards("offset", low, high)
         for end in self.offset:
             check_number("offset", end, -1.0, 1.0, " rad")
 

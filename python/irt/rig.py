@@ -423,8 +423,7 @@ def read_start(table: TomlTable) -> Start:
 
 def check_range(name: str, low: float, high: float) -> None:
     """Raise `IrtError` unless the range of the parameter ``name`` runs upwards, between possible values."""
-    if low >= high:
-        raise IrtError(f"{name}: the range [{low}, {high}] is upside down; expected [low, high]")
+    arguments.upwards(name, low, high)
     check_value(name, low)
     check_value(name, high)
 

@@ -89,7 +89,7 @@ BAD = {
         "[parameters]\ngear_x = { range = [0.2, 0.1] }\n",
         r"\[parameters\]: gear_x: the range \[0\.2, 0\.1\] is upside down",
     ),
-    "no width": ("[parameters]\ngear_x = { range = [1, 1] }\n", "gear_x: the range .* is upside down"),
+    "no width": ("[parameters]\ngear_x = { range = [1, 1] }\n", "gear_x: the range .* is empty"),
     "three ends": (
         "[parameters]\ngear_x = { range = [0, 1, 2] }\n",
         r"expected \[low, high\], found \[0, 1, 2\]",

@@ -4,7 +4,7 @@ A tracker lays the board's four corners into the picture, and finds each about a
 Errors of the corners are a plane projective map (Hartley and Zisserman, "Multiple View Geometry", 2nd ed.,
 sect. 4.1): a shift, a rotation and a tilt of the picture. They are in the recordings, and long recordings
 show a tenth of the tracker's noise, but they are no missing physics. What they do to the picture's scale no
-recording shows.
+recording shows (`irt.fitting.picture_error`).
 """
 
 from __future__ import annotations
@@ -52,16 +52,6 @@ def is_within_error(name: str, values: Mapping[str, float], rig: HasBoardAndMarb
     by_corners = _projected(places, _projective(places[:_CORNERS], moved[:_CORNERS]))
     difference = float(np.sqrt(np.mean(np.sum((by_corners - moved) ** 2, axis=1))))
     return difference < config.SAME * float(np.sqrt(size / _CORNERS))
-
-
-def scale_error(rig: HasBoardAndMarble, noise: float) -> float:
-    """Return the standard deviation of the picture's scale by errors of its corners, as a share of it.
-
-    The scale that fits four corners best is that of their distances from the centre: of independent errors
-    with the tracker's standard deviation `noise` [board edges along x] it has that over the root of the sum
-    of their squares.
-    """
-    return float(noise / np.linalg.norm(_places(rig)[:_CORNERS]))
 
 
 def _places(rig: HasBoardAndMarble) -> Array:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from irt.catalogue import EffectInfo
-from irt.diagnosis import calibration, config
+from irt.diagnosis import config
 from irt.diagnosis.dataset import Fitted
 from irt.diagnosis.hypotheses import JITTER, MEAN, SHIFT_S, SIZES_OF_TIMES, SMOOTHED_S, SMOOTHING
 from irt.diagnosis.score import KICK, SCALE_OF_NORMAL, Scored, Scores, mean_delay
@@ -32,6 +32,7 @@ from irt.engine import SUBSTEP_S
 from irt.fitting.effect_size import size_of, sizes_of
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import CONFIDENCE, FLAT, Information
+from irt.fitting.picture_error import with_scale_error
 from irt.fitting.problem import Problem
 from irt.model import Parameter
 
@@ -44,8 +45,6 @@ _UNKNOWN = 10.0
 #: Smallest half-widths. A measured tilt may show times to a fraction of a millisecond, but engines differ by
 #: a time step in when a command takes effect, and a rig does from any engine.
 _RESOLVED = dict.fromkeys(SIZES_OF_TIMES.values(), SUBSTEP_S)
-#: Parameters that are larger or smaller if the picture is.
-_SCALED = ("gear_x", "gear_y", "rolling_friction", "observation_scale")
 #: Shares of a time at which that of another effect begins beside it.
 _SHARES = (0.1, 0.5)
 #: Half-width of a 95 % interval in standard deviations.
@@ -79,8 +78,7 @@ def parameters(
         name: _wider(parameter, max(_NORMAL * deviations[name], _RESOLVED.get(name, 0.0)), *allowed[name])
         for name, parameter in with_intervals(information).items()
     }
-    corners = _NORMAL * calibration.scale_error(one.dataset.rig, one.tracker)
-    found |= {name: _with_error(found[name], corners) for name in _SCALED}
+    found = with_scale_error(found, one.dataset.rig, one.tracker)
     for name, loss in losses.items():
         sizes = [each for each in sizes_of(name) if f"{name}.{each.name}" in found]
         if sizes:
@@ -182,17 +180,6 @@ def _wider(one: Parameter, half_width: float, least: float, most: float) -> Para
     low = max(least, min(one.low, one.value - half_width))
     high = min(most, max(one.high, one.value + half_width))
     return Parameter(one.value, min(low, one.value), max(high, one.value))
-
-
-def _with_error(one: Parameter, share: float) -> Parameter:
-    """Return a parameter with an independent error of this share besides, at 95 %; its sign stays known."""
-    if one.low is None or one.high is None:
-        return one
-    low = one.value - math.hypot(one.value - one.low, share * one.value)
-    high = one.value + math.hypot(one.high - one.value, share * one.value)
-    return Parameter(
-        one.value, max(0.0, low) if one.low >= 0.0 else low, min(0.0, high) if one.high <= 0.0 else high
-    )
 
 
 def _containing(one: Parameter, low: float, high: float) -> Parameter:

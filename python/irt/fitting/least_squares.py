@@ -26,6 +26,7 @@ from irt.fitting.chain import (
 from irt.fitting.fit import Estimate, FitResult, Iteration, Progress
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import Information
+from irt.fitting.picture_error import SCALED, with_scale_error
 from irt.fitting.posterior import component, with_leans
 from irt.fitting.problem import Problem
 from irt.measured_tilt import has_both_tilts
@@ -122,7 +123,7 @@ def _fit_at_once(
     )
     solution = problem.fit(starts=starts, seed=seed, progress=_report(progress, "least squares"))
     information = Information.of(problem, solution.values, solution.information)
-    parameters = with_intervals(information)
+    parameters = with_scale_error(with_intervals(information), rig, solution.tracker_noise)
     five = {name: parameters[name] for name in PARAMETERS}
     model, of_effects = _model(rig, five, by_effect(parameters))
     found = with_leans(component(information, [one.name for one in model.effects]), solution.shrunk)
@@ -165,6 +166,10 @@ def _fit_chain(
     zero = np.array([actuator.parameters[f"tilt_sensor.zero_{axis}_rad"].value for axis in "xy"])
     board = fit_board(used, effects, zero, progress=_report(progress, "tilt to marble"), **settings)
     five, of_effects = joined(actuator, board)
+    if board is not None:
+        # What the marble shows: gears are known from the tilt, unless the sensor's gain is estimated.
+        shown = [name for name in SCALED if board.parameters[name].low is not None]
+        five = with_scale_error(five, rig, board.solution.tracker_noise, shown)
     model, of_effects = _model(rig, five, of_effects)
     found = joined_posterior(actuator, board, model.effects)
     model = replace(model, posterior=() if found.is_point else (found,))

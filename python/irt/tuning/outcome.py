@@ -13,6 +13,7 @@ from irt.errors import IrtError
 from irt.fitting.fit import Estimate, FitResult, Iteration
 from irt.fitting.identifiability import informed, unidentifiable, with_intervals
 from irt.fitting.least_squares import MISFIT
+from irt.fitting.picture_error import with_scale_error
 from irt.fitting.posterior import component
 from irt.fitting.problem import tracker_noise
 from irt.fitting.robust import deviation
@@ -77,6 +78,7 @@ def concluded(
         name: widened(parameters[name], _NORMAL_95 * sd[i], rig.ranges[name])
         for i, name in enumerate(PARAMETERS)
     }
+    parameters = with_scale_error(parameters, rig, tracker_noise(needed.segments))
     values = component(information, (), added=between)
     return FitResult(
         model=Model(

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from irt import effects
-from irt.diagnosis.calibration import is_within_error, scale_error
+from irt.diagnosis.calibration import is_within_error
 from irt.engine import rollouts, seen
 from irt.rig import Board, Marble
 
@@ -74,12 +74,3 @@ def test_places_are_seen_as_in_a_rollout():
     (observed,) = rollouts(parameters, commands, rig=RIG, start=start, effects=camera)
     assert np.ptp(path, axis=0).min() > 0.05
     np.testing.assert_allclose(observed, seen(path, RIG, camera), atol=1e-9)
-
-
-def test_the_scale_is_as_uncertain_as_that_of_the_best_similarity_to_four_corners():
-    corners = 0.5 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (1.0, 0.198997 / 0.3)
-    found = corners + NOISE * np.random.default_rng(1).standard_normal((4000, 4, 2))
-    # Of a similarity, a turned and stretched copy, the scale is the real part of a complex factor.
-    place, seen_at = (each[..., 0] + 1j * each[..., 1] for each in (corners, found))
-    factors = (place.conj() * seen_at).sum(axis=-1) / (place.conj() * place).sum()
-    assert scale_error(RIG, NOISE) == pytest.approx(np.std(factors.real), rel=0.05)

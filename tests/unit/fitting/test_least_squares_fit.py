@@ -107,7 +107,7 @@ def test_effects_are_fitted_along_and_belong_to_the_model(planted):
 
 def test_ranges_that_hold_no_gear(planted):
     rig = planted(1)
-    with pytest.raises(IrtError, match=r"gear_x: the range .* is upside down"):
+    with pytest.raises(IrtError, match=r"gear_x: the range .* is empty"):
         replace(rig, ranges={**rig.ranges, "gear_x": (0.0, 0.0)})
 
 
