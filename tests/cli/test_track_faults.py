@@ -84,6 +84,22 @@ def test_a_picture_that_is_turned(tracked, shown, turn, said) -> None:
     assert "if the picture is upside down, start --corners at the opposite corner" in line
 
 
+def test_a_board_within_a_frame_before_an_unknown_lens(tracked, shown) -> None:
+    """Which outline is the board's is asked, with a picture of all that were found."""
+
+    def framed(picture: np.ndarray) -> np.ndarray:
+        seen = moved(picture, 96, 0.7, 72)
+        return cv2.rectangle(seen, (199, 136), (441, 344), (90, 150, 200), 8)
+
+    done, out = tracked([framed(one) for one in shown[0][:20]])
+    assert done.status == 1
+    assert done.err.count("\n") == 1
+    assert "outlines lie within each other" in done.err
+    assert f"{out / 'run-outlines.png'} shows what was found" in done.err
+    assert cv2.imread(str(out / "run-outlines.png")) is not None
+    assert not (out / "run.csv").exists()
+
+
 def test_two_boards(tracked, shown) -> None:
     other = moved(shown[0][0], 290, 0.62, 60)
     left = np.arange(640)[None, :, None] < 312

@@ -181,13 +181,20 @@ def _follow(
     progress: Progress | None,
 ) -> Track:
     """Track the marble; write an overlay video and a sheet of the least certain pictures."""
+    from irt.tracking.nested import AmbiguousBoardError  # noqa: PLC0415
+    from irt.tracking.outline_sheet import write_outlines  # noqa: PLC0415
     from irt.tracking.overlay import ContactSheet, Overlay  # noqa: PLC0415
     from irt.tracking.run import follow, prepare  # noqa: PLC0415
 
     report: Progress = progress if progress is not None else lambda *_: None
     publisher = _publisher() if publish else None
     with ExitStack() as stack:
-        scene = prepare(source, question, report)
+        try:
+            scene = prepare(source, question, report)
+        except AmbiguousBoardError as error:
+            path = folder / f"{source.name}-outlines.png"
+            write_outlines(path, error)
+            raise IrtError(f"{error}; {path} shows what was found, with its corners") from error
         sheet = ContactSheet(scene, source.expected)
         overlay = None
         if not source.live:

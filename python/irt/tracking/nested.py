@@ -6,6 +6,7 @@ that run along all of a side, and so are printed lines. A picture without such s
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from irt.errors import IrtError
 from irt.tracking.corners import like_a_rim, mean_side, meet, misshapen, widened
-from irt.tracking.geometry import Lens, Pose, Size
+from irt.tracking.geometry import Lens, Plane, Pose, Size
 from irt.tracking.opencv import opencv
 
 Array = NDArray[np.float64]
@@ -33,8 +34,26 @@ ENOUGH, ALONG = 0.6, 1.5
 #: By what share of its sides a board's own outline misses its shape in pictures: two that both miss it by
 #: less may both be the board's.
 ALIKE = 0.0009
+#: Most outlines within each other that are looked for: those of a case, a frame and a rim have two each.
+DEEPEST = 6
 #: A rim seen aslant is narrower on one side by at most so much: one as high as wide, under 30 degrees.
 UNEVEN = 4.0
+
+
+class AmbiguousBoardError(IrtError):
+    """Which of the outlines in a picture is the board's is not known.
+
+    Attributes
+    ----------
+    picture : (h, w, 3) uint8 array
+        In which they were found.
+    outlines : sequence of (4, 2) arrays
+        Their corners, as `Size.corners` are ordered, from the outermost inward [pixels].
+    """
+
+    def __init__(self, said: str, picture: Picture, outlines: Sequence[Array]) -> None:
+        super().__init__(said)
+        self.picture, self.outlines = picture, outlines
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,33 +96,46 @@ def require_board(picture: Picture, outline: Array, lens: Lens | None, size: Siz
 
     Raises
     ------
-    IrtError
+    AmbiguousBoardError
         If its shape is a rim's, or if another outline lies within it and its shape may be either's.
     """
-    if lens is None:
-        return
-    if like_a_rim(outline, lens, size):
-        raise IrtError(
+    within = nested(picture, outline, lens, size)
+    if lens is not None and like_a_rim(outline, lens, size):
+        said = (
             "what was found in the picture is not of the board's shape; it may be its rim, or its edge: "
             "--corners X,Y X,Y X,Y X,Y says where the board is. If it is the board, its lengths in rig.toml "
             "or the calibration of the lens are wrong"
         )
-    within = nested(picture, outline, lens, size)
-    if within is None:
+    elif within is None:
         return
-    as_a_rim = misshapen(outline, lens, widened(size, within.width))
-    if as_a_rim <= max(misshapen(outline, lens, size), ALIKE):
-        outer, inner = (
-            " ".join(f"{round(x)},{round(y)}" for x, y in corners) for corners in (outline, within.corners)
+    elif lens is None:
+        said = (
+            "outlines lie within each other, and without a calibrated lens (--lens) their shape does not say "
+            "which is the board's, and which that of a rim, a frame or a printed border: --corners X,Y X,Y "
+            "X,Y X,Y says where the board is"
         )
-        raise IrtError(
+    else:
+        as_a_rim = misshapen(outline, lens, widened(size, within.width))
+        if as_a_rim > max(misshapen(outline, lens, size), ALIKE):
+            return
+        said = (
             "two outlines lie within each other, and their shape does not say which is the board's and which "
             "that of a rim or of a printed border: "
-            f"--corners {outer} is the outer one, {inner} about the inner one"
+            f"--corners {given(outline)} is the outer one, {given(within.corners)} about the inner one"
         )
+    outlines = [outline]
+    while within is not None and len(outlines) < DEEPEST:
+        outlines.append(within.corners)
+        within = nested(picture, within.corners, lens, size)
+    raise AmbiguousBoardError(said, picture, outlines)
 
 
-def nested(picture: Picture, outline: Array, lens: Lens, size: Size) -> Nested | None:
+def given(corners: Array) -> str:
+    """Return corners (4, 2) [pixels] as --corners takes them."""
+    return " ".join(f"{round(x)},{round(y)}" for x, y in corners)
+
+
+def nested(picture: Picture, outline: Array, lens: Lens | None, size: Size) -> Nested | None:
     """Return the outline within another that is as far in on all sides, None where there is none.
 
     Parameters
@@ -112,14 +144,14 @@ def nested(picture: Picture, outline: Array, lens: Lens, size: Size) -> Nested |
         Without noise to speak of, such as the median of a sample.
     outline : (4, 2) array
         Corners, as `Size.corners` are ordered [pixels].
-    lens : Lens
+    lens : Lens or None
         Of the camera.
     size : Size
         Of the board.
     """
-    plane = Pose.of(lens, outline, size.corners, 0.0)
+    shown = _shown_by(outline, lens, size)
     pixel = 1.0 / mean_side(outline)
-    sides = [_steps(picture, plane, size, side, pixel) for side in range(4)]
+    sides = [_steps(picture, shown, size, side, pixel) for side in range(4)]
 
     def uneven(chosen: tuple[_Step, ...]) -> float:
         insets = [one.inset for one in chosen]
@@ -130,10 +162,20 @@ def nested(picture: Picture, outline: Array, lens: Lens, size: Size) -> Nested |
         return None
     flat = np.array([meet(best[side - 1].line, best[side].line) for side in range(4)])
     inset = float(np.mean([one.inset for one in best]))
-    return Nested(plane.project(np.column_stack([flat, np.zeros(4)])), inset / (1.0 - 2.0 * inset))
+    return Nested(shown(flat), inset / (1.0 - 2.0 * inset))
 
 
-def _steps(picture: Picture, plane: Pose, size: Size, side: int, pixel: float) -> list[_Step]:
+def _shown_by(outline: Array, lens: Lens | None, size: Size) -> Callable[[Array], Array]:
+    """Return the map from the plane of an outline (n, 2) [board edges] to the picture (n, 2) [pixels]."""
+    if lens is None:
+        return Plane.of(outline, size).pixels
+    pose = Pose.of(lens, outline, size.corners, 0.0)
+    return lambda flat: pose.project(np.column_stack([flat, np.zeros(len(flat))]))
+
+
+def _steps(
+    picture: Picture, shown: Callable[[Array], Array], size: Size, side: int, pixel: float
+) -> list[_Step]:
     """Return the steps that run along a side; `pixel` is the length of one [board edges]."""
     start, end = size.corners[side], size.corners[(side + 1) % 4]
     way = (end - start) / np.linalg.norm(end - start)
@@ -141,8 +183,7 @@ def _steps(picture: Picture, plane: Pose, size: Size, side: int, pixel: float) -
     parts = np.linspace(FIRST, LAST, STRETCHES * POINTS)
     insets = np.arange(BLURRED * pixel, DEEP, FINE * pixel)
     places = (start + parts[:, None] * (end - start))[:, None] + insets[:, None] * inward
-    flat = np.column_stack([places.reshape(-1, 2), np.zeros(len(parts) * len(insets))])
-    maps = plane.project(flat).reshape(len(parts), len(insets), 2).astype(np.float32)
+    maps = shown(places.reshape(-1, 2)).reshape(len(parts), len(insets), 2).astype(np.float32)
     seen = opencv().remap(picture, maps[..., 0], maps[..., 1], opencv().INTER_LINEAR)
     levels = np.median(seen.reshape(STRETCHES, POINTS, len(insets), 3), axis=1)
     # Colours beside a place, a pixel to either side.

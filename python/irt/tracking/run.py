@@ -209,7 +209,8 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
         edges = board_sides(pictures, corners, lens)
     if edges is not None:
         corners = edges.corners
-        if edges.clear and edges.error_px < MISSHAPEN * mean_side(corners):
+        is_known = edges.clear and edges.error_px < MISSHAPEN * mean_side(corners)
+        if lens is None or is_known:
             require_board(np.median(np.stack(pictures), axis=0).astype(np.uint8), corners, lens, size)
     if edges is not None and edges.clear:
         # A board that is elsewhere is no ground for the marble.

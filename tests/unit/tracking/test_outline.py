@@ -20,7 +20,7 @@ from irt.tracking.corners import (
     misshapen,
 )
 from irt.tracking.geometry import Lens, Pose, Size
-from irt.tracking.nested import nested, require_board
+from irt.tracking.nested import AmbiguousBoardError, nested, require_board
 from irt.tracking.outline import board_outline, board_sides
 from irt.tracking.run import Question, prepare
 from tracking.view import View, turned
@@ -195,6 +195,22 @@ def test_a_border_on_a_board_that_is_not_square_is_no_board() -> None:
     picture = drawn(VIEW, LEVEL, WHITE, border=0.004)
     assert nested(picture, outline(VIEW, LEVEL), lens_of(VIEW), SIZE) is not None
     require_board(picture, outline(VIEW, LEVEL), lens_of(VIEW), SIZE)
+
+
+def test_without_a_lens_a_board_within_a_rim_is_asked_about() -> None:
+    """A labyrinth's frame was taken for its board: all places were too small by 13 %, without a warning."""
+    picture = drawn(VIEW, LEVEL, WHITE, rim=WOOD)
+    with pytest.raises(AmbiguousBoardError, match="without a calibrated lens") as asked:
+        require_board(picture, outline(VIEW, LEVEL, RIM_M), None, SIZE)
+    outer, inner, *_ = asked.value.outlines
+    assert np.linalg.norm(outer - outline(VIEW, LEVEL, RIM_M), axis=1).max() < 0.01
+    assert np.linalg.norm(inner - outline(VIEW, LEVEL), axis=1).max() < 1.5
+
+
+@pytest.mark.parametrize("lean", [(0.0, 0.0), (0.25, -0.2)])
+def test_without_a_lens_a_board_alone_is_the_board(lean: tuple[float, float]) -> None:
+    view = View.above(330.0, lean=lean)
+    require_board(drawn(view, LEVEL, WOOD), outline(view, LEVEL), None, SIZE)
 
 
 def test_a_lens_that_is_off_is_no_rim() -> None:
