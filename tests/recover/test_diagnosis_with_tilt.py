@@ -10,6 +10,8 @@ from irt.engine import SUBSTEP_S
 from irt.rig import TiltSensor
 from tilted_rigs import TILT_NOISE_RAD, ZERO, rig_of, tilted_recordings
 
+pytestmark = pytest.mark.slow
+
 #: Dead time and lag of a servo: the marble shows little more than their sum.
 SERVO = ({"name": "delay", "delay_s": 0.08}, {"name": "lag", "time_constant_s": 0.07})
 

@@ -129,6 +129,7 @@ def test_an_effect_is_judged_beside_the_better_values_without_it(plant, monkeypa
 LAG = {"name": "lag", "time_constant_s": 0.1}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [{"name": "delay", "delay_s": 0.02}, None])
 def test_the_interval_of_a_lag_holds_beside_a_delay_that_is_too_small_to_be_found(plant, late):
     best, relevance = judged(plant([LAG, *([late] if late else [])], rows=90, stamped=True, seed=5))

@@ -53,6 +53,7 @@ def test_what_was_seen_of_a_recording_has_no_part_in_the_fit_that_predicts_it(pl
     assert not np.array_equal(before.values[2], after.values[2])
 
 
+@pytest.mark.slow
 def test_windows_of_held_out_recordings_agree_on_an_effect_that_acts_and_on_no_other(plant):
     dataset = plant([{**DRAG, "rate_per_s": 4.0}], runs=4, rows=120, stamped=True)
     with_drag, base = fitted(dataset), Scores(dataset).base()
