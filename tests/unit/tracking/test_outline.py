@@ -198,7 +198,7 @@ def test_a_border_on_a_board_that_is_not_square_is_no_board() -> None:
 
 
 def test_without_a_lens_a_board_within_a_rim_is_asked_about() -> None:
-    """A labyrinth's frame was taken for its board: all places were too small by 13 %, without a warning."""
+    """A labyrinth's frame was taken for its board: all places were too small by 16 %, without a warning."""
     picture = drawn(VIEW, LEVEL, WHITE, rim=WOOD)
     with pytest.raises(AmbiguousBoardError, match="without a calibrated lens") as asked:
         require_board(picture, outline(VIEW, LEVEL, RIM_M), None, SIZE)
