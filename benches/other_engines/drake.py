@@ -23,8 +23,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from irt.proof.pybullet_world.engine import STEP_S, Base, follow, heavy_side
-from irt.proof.pybullet_world.physics import EDGE_X_M, EDGE_Y_M, MASS_KG, RADIUS_M, Array, Physics
-from other_engines.rolling_friction import SLIDING, resistance
+from irt.proof.pybullet_world.physics import MASS_KG, RADIUS_M, Array, Physics
+from other_engines.board import SLIDING, boxes, resistance
 
 #: Stiffness of a contact [N/m]; the marble sinks into the board by 0.5 um.
 STIFFNESS = 2e4
@@ -64,22 +64,10 @@ class _Marble:
         plant.RegisterCollisionGeometry(
             body, RigidTransform(), Sphere(RADIUS_M), "marble", _material(DISSIPATION)
         )
-        half_x, half_y, thick = EDGE_X_M / 2.0, EDGE_Y_M / 2.0, 0.02
-        walls = [("board", (0.0, 0.0, -thick), (half_x + thick, half_y + thick, thick), DISSIPATION)]
-        walls += [
-            (
-                f"rim {x} {y}",
-                (x * (half_x + thick), y * (half_y + thick), thick),
-                (thick if x else half_x + 2.0 * thick, thick if y else half_y + 2.0 * thick, thick),
-                dissipation,
-            )
-            for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1))
-        ]
-        for name, centre, half, of_wall in walls:
-            box = Box(*(2.0 * np.array(half)))
-            plant.RegisterCollisionGeometry(
-                plant.world_body(), RigidTransform(centre), box, name, _material(of_wall)
-            )
+        for number, (centre, half) in enumerate(boxes()):
+            material = _material(dissipation if number else DISSIPATION)
+            shape, place = Box(*(2.0 * half)), RigidTransform(centre)
+            plant.RegisterCollisionGeometry(plant.world_body(), place, shape, f"box {number}", material)
         plant.Finalize()
         self._simulator = Simulator(builder.Build())
         self._plant, self._steps = plant, 0

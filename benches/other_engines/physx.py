@@ -20,8 +20,8 @@ from sapien.physx import (
 )
 
 from irt.proof.pybullet_world.engine import STEP_S, Base, follow, heavy_side
-from irt.proof.pybullet_world.physics import EDGE_X_M, EDGE_Y_M, MASS_KG, RADIUS_M, Array, Physics
-from other_engines.rolling_friction import SLIDING, resistance
+from irt.proof.pybullet_world.physics import MASS_KG, RADIUS_M, Array, Physics
+from other_engines.board import SLIDING, boxes, resistance
 
 #: Contacts are sought this far from a surface [m].
 CONTACT_OFFSET_M = 0.002
@@ -58,16 +58,7 @@ class _Marble:
         self._scene = sapien.Scene([PhysxCpuSystem()])
         self._scene.set_timestep(STEP_S)
         material = PhysxMaterial(SLIDING, SLIDING, 0.0)
-        half_x, half_y, thick = EDGE_X_M / 2.0, EDGE_Y_M / 2.0, 0.02
-        boxes = [((0.0, 0.0, -thick), (half_x + 2.0 * thick, half_y + 2.0 * thick, thick))]
-        boxes += [
-            (
-                (x * (half_x + thick), y * (half_y + thick), thick),
-                (thick if x else half_x + 2.0 * thick, thick if y else half_y + 2.0 * thick, thick),
-            )
-            for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1))
-        ]
-        for centre, half in boxes:
+        for centre, half in boxes():
             box = self._scene.create_actor_builder()
             box.add_box_collision(half_size=half, material=material)
             box.build_static().set_pose(sapien.Pose(centre))
