@@ -11,7 +11,7 @@ from importlib.metadata import version
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import effect
+from irt.catalogue import EffectInfo, effect
 from irt.diagnosis import config, words
 from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.dataset import Dataset
@@ -140,6 +140,7 @@ class Answer:
                     next((one.parameters for one in effects if one.name == JITTER), None),
                     explained=self._is_whole,
                 ),
+                *words.beyond(effects, {name: self._info(name) for name in order if name != UNLISTED}),
                 *words.smoothed(effects, dataset.row_s(best.fitted)),
                 *self._notes_on_unnamed(),
                 *sentences(self._recordings, self._differences),
@@ -329,8 +330,12 @@ class Answer:
         likely = [one for one, _ in self._likely(tied)]
         return nested([best, *less, *(one.scored for one in tied), *likely], self._relevance.validation)
 
+    def _info(self, name: str) -> EffectInfo:
+        """Return what the catalogue says of an effect, in the unit of the rig's commands."""
+        return in_unit_of(self._dataset.rig, effect(name))
+
     def _named(self, name: str, tied: list[Tie], again: Nested | None) -> NamedEffect:
-        own, info = f"{name}.", in_unit_of(self._dataset.rig, effect(name))
+        own, info = f"{name}.", self._info(name)
         found = {key.removeprefix(own): one for key, one in self._parameters.items() if key.startswith(own)}
         alike = [*group_of(name), *(one.instead for one in tied)]
         # A learned correction is not part of the catalogue's posterior.

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import effect
+from irt.catalogue import EffectInfo, effect
 from irt.diagnosis.dataset import Dataset, Fitted
 from irt.diagnosis.formula import formula, holds_or_brakes, turns, variables
 from irt.diagnosis.free_motion import PULL_OF_SLOPE
@@ -149,6 +149,35 @@ def corners(names: Sequence[str]) -> str:
         f"The picture is displaced a little ({listed(names)}), no more than errors of the tracker's four "
         f"corners by its noise would do: {'this is' if one else 'these are'} in the model, and not named."
     )
+
+
+def beyond(effects: Sequence[NamedEffect], infos: Mapping[str, EffectInfo]) -> Iterator[str]:
+    """Yield a note if named effects are certainly larger than the catalogue expects of them.
+
+    Five effects that together imitated a cord that yields at speed were: two had 1.4 and 2.4 times the
+    largest value of their ranges.
+
+    Parameters
+    ----------
+    effects : sequence of NamedEffect
+        The missing effects.
+    infos : mapping
+        What the catalogue says of each, in the units of its parameters.
+    """
+    found = []
+    for one in effects:
+        for info in infos[one.name].required if one.name in infos else ():
+            value = one.parameters.get(info.name)
+            if info.is_choice or value is None or value.low is None or value.high is None:
+                continue
+            if value.low > info.high or value.high < info.low:
+                found.append(f"{one.name} ({info.name} {value.value:.3g}, not {info.low:g} to {info.high:g})")
+    if found:
+        does = "lies" if len(found) == 1 else "lie"
+        yield (
+            f"{listed(found)} {does} beyond what the catalogue expects: this may stand for physics that is "
+            "not in the catalogue, or for a rig of another kind."
+        )
 
 
 def smoothed(effects: Sequence[NamedEffect], row_s: float) -> Iterator[str]:

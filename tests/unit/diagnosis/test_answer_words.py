@@ -8,7 +8,7 @@ import pytest
 
 from irt import catalogue, rollouts
 from irt.diagnosis.result import UNLISTED, NamedEffect
-from irt.diagnosis.words import CORNERS, LAW_OF_IMPACTS, corners, notes, smoothed, suggestion, summary
+from irt.diagnosis.words import CORNERS, LAW_OF_IMPACTS, beyond, corners, notes, smoothed, suggestion, summary
 from irt.engine import SUBSTEP_S
 from irt.model import Parameter
 
@@ -74,6 +74,34 @@ def parallax(height):
         0.04,
         0.0,
     )
+
+
+INFOS = {info.name: info for info in catalogue.effects()}
+
+
+@pytest.mark.parametrize(
+    "info", [info for info in INFOS.values() if info.hypothesis], ids=lambda one: one.name
+)
+def test_a_value_is_doubted_only_if_it_is_certainly_beyond_its_range(info):
+    def named(shift):
+        """Return the effect with intervals about values that are so many ranges above the highest."""
+        found = {}
+        for one in info.required:
+            width = one.high - one.low
+            value = one.high + shift * width
+            found[one.name] = Parameter(value, value - 0.1 * width, value + 0.1 * width)
+        return NamedEffect(info.name, info.stage, found, {}, 0.04, 0.002)
+
+    assert not list(beyond([named(-0.5)], INFOS))
+    assert not list(beyond([named(0.05)], INFOS))
+    (note,) = beyond([named(0.2)], INFOS)
+    for one in info.required:
+        assert (f"({one.name} " in note) == (not one.is_choice)
+
+
+def test_what_is_learned_has_no_range():
+    learned = NamedEffect(UNLISTED, "board", {"push_1": Parameter(9.0, 8.0, 10.0)}, {}, 0.04, 0.002)
+    assert not list(beyond([learned], INFOS))
 
 
 def test_a_parallax_that_is_a_smoothed_track_is_said_to_be_one():
