@@ -396,10 +396,11 @@ class Selection:
     def _swapped(self, one: Scored) -> Scored | None:
         """Return a better set with one effect replaced, if there is one.
 
-        The replacements of a single effect were tried before it was added, except those of a slope map.
+        The replacements of a single effect were tried before it was added, except those of a slope map, and
+        of delay jitter by two effects, as which it counts.
         """
         return self._with_another(
-            one, one.effects if len(one.effects) > 1 else {MAP}.intersection(one.effects)
+            one, one.effects if len(one.effects) > 1 else {MAP, JITTER}.intersection(one.effects)
         )
 
     def _with_another(self, one: Scored, names: Collection[str]) -> Scored | None:

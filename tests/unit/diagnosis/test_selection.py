@@ -186,6 +186,18 @@ def test_the_same_delay_each_time_does_not_differ(plant):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("delay_s", "rate_rad_per_s", "seed"), [(0.3, 0.15, 1), (0.4, 0.2, 3)])
+def test_delays_that_seem_to_differ_are_a_delay_and_another_effect(plant, delay_s, rate_rad_per_s, seed):
+    """Jitter, which counts as two effects, was never compared with two others if it was named first."""
+    slow = {"name": "slew_limit", "rate_rad_per_s": rate_rad_per_s}
+    scores = Scores(plant([{**DELAY, "delay_s": delay_s}, slow], rows=90, stamped=True, seed=seed))
+    best = Selection(scores, ["delay", "lag", "delay_jitter", "slew_limit"], quiet).run().best
+    assert "slew_limit" in best.effects
+    assert {"delay", "latency"}.intersection(best.effects)
+    assert "delay_jitter" not in best.effects
+
+
+@pytest.mark.slow
 def test_the_push_that_a_set_needs_shrinks_with_the_right_effect(plant):
     scores = Scores(plant([DELAY], stamped=True))
     base = scores.base()
