@@ -1,6 +1,6 @@
 """Render a marble in a labyrinth by Blender's Cycles, with its truth, for `track_traced.py`.
 
-    python3.11 -m venv blender && blender/bin/pip install bpy==4.5.15 -r requirements-base.lock
+    python3.11 -m venv blender && blender/bin/pip install bpy==4.5.15 scipy matplotlib jinja2 tqdm
     PYTHONPATH=python blender/bin/python benches/render_labyrinth.py steel white --out labyrinths
     .venv/bin/python benches/track_traced.py labyrinths
 
