@@ -61,7 +61,7 @@ def rolled(look: Look, pictures: int, seed: int) -> tuple[Array, Array, tuple[fl
     Raises
     ------
     RuntimeError
-        If the marble falls, or hardly moves, whatever is tried.
+        If the marble falls, or hardly moves, under all commands that are tried.
     """
     maze, board = irt.Maze.of_layout(look.layout), irt.Board()
     parameters = {name: irt.Parameter(value) for name, value in zip(PARAMETERS, BASE, strict=True)}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -157,7 +157,6 @@ class Labyrinth:
     radius_m: float
     samples: int
     threads: int
-    _woods: dict[str, Any] = field(default_factory=dict)
 
     def render(self, places: Array, tilts: Array, folder: Path) -> None:
         """Write pictures of a marble at places (n, 2) [board edges] on a board tilted by (n, 2) [rad]."""
