@@ -58,10 +58,24 @@ def formula(values: dict[str, float]) -> str:
             f"5/7 g {values['mode_gain']:.3g} (u - tilt), u'' = {rate**2:.4g} (tilt - u) "
             f"- {2.0 * damping * rate:.3g} u'"
         )
+    if values["yield_lag_s"]:
+        parts.append(_yielding(values))
     shapes = {round(values[f"shape_{slot}"]) for slot in slots}
     what = ", ridge(s) = -s exp((1 - s^2)/2)" if SHAPES.index("ridge") in shapes else ""
     pushes = [("a = " + " + ".join(parts)).replace("+ -", "- ") + what] if parts else []
     return "; ".join([*pushes, *_at_rim(values), *_picture(values)])
+
+
+def _yielding(values: dict[str, float]) -> str:
+    """Return the push by a drive that follows late and yields; a share of zero is omitted."""
+    drives = []
+    for axis in "xy":
+        share, slowness = values[f"yield_{axis}"], values[f"yield_{axis}_s_per_rad"]
+        kept = f" (1 - {share:.3g} (1 - exp(-({slowness:.3g} w_{axis}')^2/2)))" if share and slowness else ""
+        drives.append(f"w_{axis}{kept}".replace("- -", "+ "))
+    # A turn about y pushes along x, a turn about x against y.
+    x, y = drives
+    return f"5/7 g (({y} - tilt_y) e_x - ({x} - tilt_x) e_y), w' = (tilt - w) / {values['yield_lag_s']:.3g}"
 
 
 def _at_rim(values: dict[str, float]) -> Iterator[str]:
@@ -134,9 +148,10 @@ def variables(values: dict[str, float]) -> list[str]:
         plain.get(variable, variable)
         for variable, names in VECTORS.items()
         if any(values[of_slot(name, slot)] != 0.0 for slot in slots for name in names)
-        or (variable == "command" and (values["mode_gain"] or any(map(any, gears))))
+        or (variable == "command" and (values["mode_gain"] or values["yield_lag_s"] or any(map(any, gears))))
     ]
     drags = [values["drag_strength"], *(values[f"brake_{slot}_m_per_s2"] for slot in slots)]
+    found += ["rate of the tilt"] if values["yield_lag_s"] else []
     return [*found, *(["speed"] if any(drags) or values["side_strength"] else [])]
 
 

@@ -152,6 +152,7 @@ _KINDS: dict[str, Kind] = {
     "time": "time",
     "way": "time",
     "command": "stage",
+    "command rate": "stage",
 }
 
 

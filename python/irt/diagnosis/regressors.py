@@ -24,10 +24,23 @@ from irt.diagnosis.basis import (
     spots,
     waves,
 )
+from irt.diagnosis.board_motion import of_lags, of_modes
 from irt.diagnosis.displacements import Displacements, row_variances
 from irt.diagnosis.free_motion import LONGEST, PULL_OF_SLOPE, Free, free_motion
 from irt.diagnosis.score import Scored, with_less_push
-from irt.diagnosis.terms import AT_RIM, BRAKE, GEARS, LAWS, MODE, PICTURE, PROFILES, PUSH, VECTORS, Term
+from irt.diagnosis.terms import (
+    AT_RIM,
+    BRAKE,
+    GEARS,
+    LAWS,
+    MODE,
+    PICTURE,
+    PROFILES,
+    PUSH,
+    VECTORS,
+    YIELD,
+    Term,
+)
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
@@ -48,6 +61,12 @@ PHASES = np.arange(4) * np.pi / 4.0
 #: Rates [rad/s] and dampings of modes.
 RATES = np.geomspace(2.0, 40.0, 25)
 DAMPINGS = (0.03, 0.1, 0.25, 0.6)
+#: Time constants of drives that yield [s], and the widths of the bells that they keep, as shares of the root
+#: mean square of their rates.
+LAGS = np.geomspace(0.03, 1.0, 8)
+KEPT = np.geomspace(0.15, 1.2, 4)
+#: Least share of the angles that follows late in a first guess of what is lost.
+LEAST = 0.1
 #: Required gain per parameter of a term [nats].
 PRICE = 3.0
 #: Smallest gain of terms of other families relative to the best, and most families.
@@ -169,6 +188,8 @@ class Regressors:
             return self._swings(
                 *(np.array([values[f"mode_{name}"]]) for name in ("rate_rad_per_s", "damping"))
             )
+        if term.law == YIELD:
+            return self._yielded(values)
         if term.law is not None:
             return self._power_law(term.law, values[f"{term.law}_power"])[:, None]
         pushes = np.ones((1, 2))
@@ -186,6 +207,8 @@ class Regressors:
                 yield from self._laws(name, powers[:1] if name == "drag" and powers else POWERS)
         if MODE not in laws:
             yield self._mode()
+        if YIELD not in laws:
+            yield self._yielding()
         if sum(term.law is None for term in terms) < PROFILES:
             yield from self._waves()
             even = np.ones((len(self._values["time"]), 2))
@@ -250,12 +273,55 @@ class Regressors:
         values = dict(zip(names, best, strict=True))
         return Term("command", values, tuple(values), found.explained, found.gain)
 
+    def _yielding(self) -> Term:
+        """Return the best drive that yields.
+
+        Its pushes are the lag of the angles, and the loss of a share of them where they turn fast.
+        """
+        angles, rates = self._drives(LAGS)
+        late = self._pulls(angles - self._values["command"][:, None])
+        sizes = np.sqrt((rates**2).mean(axis=0))[:, None] * KEPT[:, None]
+        lost = 1.0 - np.exp(-0.5 * (rates[:, :, None] / np.maximum(sizes, 1e-12)) ** 2)
+        fast = self._pulls(angles[:, :, None] * lost)
+        late = np.broadcast_to(late[:, :, None], fast.shape)
+        parts = [one.reshape(len(one), -1, 2) for one in (late, fast)]
+        found = self._best([[one[..., axis] for one in parts] for axis in (0, 1)])
+        follows, yields = np.reshape(found.strengths, (2, 2)).T
+        shares = np.clip(-yields / np.maximum(follows, LEAST), -1.0, 1.0)
+        place = np.unravel_index(found.place, (len(LAGS), len(KEPT)))
+        slowness = 1.0 / np.maximum(sizes[place], 1e-12)
+        # A turn about y pushes along x.
+        values = {
+            "yield_lag_s": float(LAGS[place[0]]),
+            **{f"yield_{name}": float(one) for name, one in zip("yx", shares, strict=True)},
+            **{f"yield_{name}_s_per_rad": float(one) for name, one in zip("xy", slowness, strict=True)},
+        }
+        return Term("command", values, tuple(values), found.explained, found.gain)
+
+    def _yielded(self, values: Mapping[str, float]) -> Array:
+        """Return the pushes (n, 1, 2) of a drive that yields."""
+        angles, rates = self._drives(np.array([values["yield_lag_s"]]))
+        shares, slowness = (
+            np.array([values[f"yield_{name}{unit}"] for name in "xy"]) for unit in ("", "_s_per_rad")
+        )
+        kept = 1.0 - shares * (1.0 - np.exp(-0.5 * (slowness * rates) ** 2))
+        return self._pulls(kept * angles - self._values["command"][:, None])
+
+    def _drives(self, lags: Array) -> tuple[Array, Array]:
+        """Return the angles and rates (n, k, 2) of drives with k lags, in the middles of the rows."""
+        at_rest = self._dataset.rig.start == "rest"
+        tilts = [one.knobs * self._gears for one in self._dataset.rig.recordings]
+        away = self._of_runs(
+            [of_lags(one, np.zeros(2) if at_rest else one[0], lags, self._row_s) for one in tilts]
+        )
+        return self._values["command"][:, None] + away, -away / lags[:, None]
+
     def _swings(self, rates: Array, dampings: Array) -> Array:
         """Return the pushes (n, k, 2) by the deviations of k modes from the board's angles."""
         at_rest = self._dataset.rig.start == "rest"
         tilts = [one.knobs * self._gears for one in self._dataset.rig.recordings]
         away = self._of_runs(
-            [_away(one, np.zeros(2) if at_rest else one[0], rates, dampings, self._row_s) for one in tilts]
+            [of_modes(one, np.zeros(2) if at_rest else one[0], rates, dampings, self._row_s) for one in tilts]
         )
         return self._pulls(away)
 
@@ -413,28 +479,3 @@ def _term(grid: Grid, found: Found, sizes: Mapping[str, float]) -> Term:
         del free[VECTORS["position"][1]]
     values = {"shape_1": float(SHAPES.index(grid.shape)), **vector, **phases, **across, **sizes}
     return Term(grid.variable, values, tuple(free), found.explained, found.gain)
-
-
-def _away(tilts: Array, before: Array, rates: Array, dampings: Array, row_s: float) -> Array:
-    """Return the deviations (n, k, 2) of k modes from (n, 2) angles, in the middles of the rows.
-
-    The modes start at rest at the angles `before`; each angle holds for a row.
-    """
-    found = np.zeros((len(tilts), len(rates), 2))
-    state = np.zeros((len(rates), 2, 2))
-    state[:, 0] = before
-    step, middle = _step(rates, dampings, row_s), _step(rates, dampings, 0.5 * row_s)
-    for row, tilt in enumerate(tilts):
-        state[:, 0] -= tilt
-        found[row] = (middle @ state)[:, 0]
-        state = step @ state
-        state[:, 0] += tilt
-    return found
-
-
-def _step(rates: Array, dampings: Array, seconds: float) -> Array:
-    """Return the transition matrices (k, 2, 2) of free oscillations over a time [s]."""
-    ringing, fade = rates * np.sqrt(1.0 - dampings**2), rates * dampings
-    cos, sin = np.cos(ringing * seconds), np.sin(ringing * seconds) / ringing
-    matrix = np.array([[cos + fade * sin, sin], [-sin * rates**2, cos - fade * sin]])
-    return np.asarray(np.exp(-fade * seconds)[:, None, None] * matrix.transpose(2, 0, 1))

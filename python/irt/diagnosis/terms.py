@@ -2,8 +2,8 @@
 
 It contains profiles (waves, steps, bells, ridges, spots, lines, bowls, saddles) of a push, of a drag or of
 the gears over position, velocity, heading, tilt, time and path length; power laws of the speed, against the
-motion and perpendicular to it; an oscillation mode of the board; a picture that turns and grows with the
-tilt; and forces at the rim.
+motion and perpendicular to it; an oscillation mode of the board; a drive that follows late and yields; a
+picture that turns and grows with the tilt; and forces at the rim.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ VECTORS = {
     "way": ("way_1_per_m",),
 }
 #: Terms other than profiles: power laws of the speed, against the motion and perpendicular to it, the mode,
-#: and the picture.
+#: the drive that yields, and the picture.
 LAWS = ("drag", "side")
 MODE = "mode"
+YIELD = "yield"
 PICTURE = "picture"
 #: Rates of the picture's angle and growth for each radian of the board about x and about y.
 TURNS = ("picture_turn_x", "picture_turn_y")
@@ -44,6 +45,7 @@ _SIZES = {
     "drag_strength": "drag",
     "side_strength": "side",
     "mode_gain": MODE,
+    "yield_lag_s": YIELD,
     TURNS[0]: PICTURE,
     **{name: name for name in AT_RIM},
 }
@@ -80,7 +82,7 @@ class Term:
 
     @property
     def law(self) -> str | None:
-        """Name of a law other than a profile, as in `LAWS` or `AT_RIM`, `MODE` or `PICTURE`; else None."""
+        """Name of a term that is no profile: of `LAWS` or `AT_RIM`, `MODE`, `YIELD`, `PICTURE`; else None."""
         return next((name for size, name in _SIZES.items() if size in self.values), None)
 
     @property
@@ -98,7 +100,7 @@ class Term:
         """The variables that the push depends on; those of a drag include the velocity, the rim has none."""
         if self.law in AT_RIM:
             return ()
-        also = {"brake": ("velocity",), "gear": ("command",)}
+        also = {"brake": ("velocity",), "gear": ("command",), YIELD: ("command rate",)}
         return tuple(dict.fromkeys((self.variable, *also.get(self._changes, ()))))
 
     @property

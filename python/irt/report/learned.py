@@ -32,6 +32,7 @@ VARIABLES = {
     "velocity": ("velocity", "mm/s", 1e3, -1),
     "heading": ("heading", "°", 180.0 / np.pi, 0),
     "command": ("tilt", "mrad", 1e3, 0),
+    "turning": ("rate of the tilt", "mrad/s", 1e3, -1),
     "time": ("time since row 0", "s", 1.0, 1),
     "way": ("path length since row 0", "mm", 1e3, 0),
 }
@@ -197,6 +198,14 @@ def _rows(one: NamedEffect, row_s: float | None) -> Iterator[list[str]]:
             _, period, unit = in_rows("period_s", period, unit, row_s)
         amplitude = f"gain {with_interval(gain)}, damping {with_interval(damping)}"
         yield [_MODE, "tilt", quantity(period.value, unit), "-", amplitude]
+    if one.parameters["yield_lag_s"].value:
+        yield [
+            "drive that yields",
+            "tilt and its rate",
+            "-",
+            "-",
+            ", ".join(_yielding(one.parameters, row_s)),
+        ]
     forces = list(_forces_at_rim(one.parameters, row_s))
     if forces:
         yield ["rim", "contact with the rim", "-", "-", ", ".join(forces)]
@@ -209,6 +218,20 @@ def _rows(one: NamedEffect, row_s: float | None) -> Iterator[list[str]]:
         ]
         if rates:
             yield ["picture", "tilt", "-", "-", f"{what} {', '.join(rates)}"]
+
+
+def _yielding(parameters: Mapping[str, Parameter], row_s: float | None) -> Iterator[str]:
+    """Yield how late a drive follows, and what it loses about each axis while it turns fast."""
+    late, unit = parameters["yield_lag_s"], "s"
+    if row_s is not None:
+        _, late, unit = in_rows("lag_s", late, unit, row_s)
+    yield f"lag {with_interval(late)} {unit}"
+    _, per, factor = variable_unit("turning", row_s)
+    for axis in "xy":
+        share, slowness = parameters[f"yield_{axis}"], parameters[f"yield_{axis}_s_per_rad"].value
+        if share.value and slowness:
+            kept = quantity(factor / abs(slowness), per)
+            yield f"loses {with_interval(scaled(1e2, share))} % about {axis} at rates far above {kept}"
 
 
 def _forces_at_rim(parameters: Mapping[str, Parameter], row_s: float | None) -> Iterator[str]:

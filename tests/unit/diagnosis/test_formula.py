@@ -66,6 +66,12 @@ def neutral(**changes):
             "0.0044 e_x cos(108 x) + 1e-05 e_x (900 y)",
             ["position"],
         ),
+        (
+            {"yield_lag_s": 0.2, "yield_y": 0.9, "yield_y_s_per_rad": 500.0, "yield_x_s_per_rad": 9.0},
+            "5/7 g ((w_y (1 - 0.9 (1 - exp(-(500 w_y')^2/2))) - tilt_y) e_x - (w_x - tilt_x) e_y), "
+            "w' = (tilt - w) / 0.2",
+            ["tilt", "rate of the tilt"],
+        ),
         ({"mode_gain": 1.0}, "5/7 g 1 (u - tilt), u'' = 100 (tilt - u) - 4 u'", ["tilt"]),
     ],
 )

@@ -156,6 +156,13 @@ def test_delays_differ_where_their_spread_is_no_zero(low, named):
         {"shape_1": 2.0, "brake_1_m_per_s2": 0.004, "drag_power": 0.0, "way_1_per_m": 9.0},
         {"shape_1": 5.0, "gear_1_x": 0.2, "gear_1_y": -0.2, "heading_1_x": 1.0, "phase_1_rad": 0.5},
         {"mode_gain": 0.8, "mode_rate_rad_per_s": 6.0, "mode_damping": 0.2},
+        {
+            "yield_lag_s": 0.2,
+            "yield_x": 0.8,
+            "yield_x_s_per_rad": 90.0,
+            "yield_y": 0.5,
+            "yield_y_s_per_rad": 60.0,
+        },
     ],
     ids=lambda learned: "-".join(name for name in learned if name != "shape_1"),
 )

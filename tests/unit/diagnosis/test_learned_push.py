@@ -140,8 +140,18 @@ def test_neither_noise_nor_a_random_push_teaches_anything(plant, pushed):
             ("time", "gear"),
         ),
         ({"mode_gain": 1.0, "mode_rate_rad_per_s": 6.0, "mode_damping": 0.1}, ("command", "mode")),
+        (
+            {
+                "yield_lag_s": 0.2,
+                "yield_x": 0.8,
+                "yield_y": 0.6,
+                "yield_x_s_per_rad": 100.0,
+                "yield_y_s_per_rad": 80.0,
+            },
+            ("command", "yield"),
+        ),
     ],
-    ids=["step", "spot", "way", "heading", "saddle", "gear", "mode"],
+    ids=["step", "spot", "way", "heading", "saddle", "gear", "mode", "yield"],
 )
 def test_what_is_planted_is_learned_first_and_needs_no_push(plant, planted, family):
     base, found = learned(plant([{"name": UNLISTED, **planted}], runs=6, rows=100, stamped=True))

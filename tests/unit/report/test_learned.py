@@ -79,6 +79,22 @@ def test_laws_of_the_speed_and_the_mode_are_described():
     assert "0.628\N{NO-BREAK SPACE}s" in lines[1]
 
 
+def test_a_drive_that_yields_is_described_by_its_lag_and_what_it_loses():
+    one = correction(
+        yield_lag_s=(0.2, 0.1, 0.3),
+        yield_x=(0.9, 0.8, 1.0),
+        yield_x_s_per_rad=-500.0,
+        yield_y_s_per_rad=300.0,
+    )
+    assert list(described(one, None)) == [
+        "drive that yields over tilt and its rate: lag 0.20 (0.10 to 0.30) s, "
+        "loses 90 (80 to 100) % about x at rates far above 2\N{NO-BREAK SPACE}mrad/s"
+    ]
+    (line,) = described(one, 0.1)
+    assert "lag 2 rows" in line
+    assert "above 0.2\N{NO-BREAK SPACE}mrad/row" in line
+
+
 def test_a_picture_is_described_by_its_rates():
     one = correction(picture_turn_x=(10.0, 9.0, 11.0), picture_turn_y=0.01, picture_growth_y_per_rad=-2.0)
     assert list(described(one, None)) == [

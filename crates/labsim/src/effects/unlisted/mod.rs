@@ -1,10 +1,11 @@
 //! Physics outside the catalogue: profiles over board, velocity, tilt and time, powers of the speed, a vibration mode,
-//! a picture that turns with the tilt, and forces at the rim.
+//! a drive that yields at speed, a picture that turns with the tilt, and forces at the rim.
 
 mod mode;
 mod picture;
 mod profile;
 mod rim;
+mod yielding;
 
 use pulp::Simd;
 
@@ -12,6 +13,7 @@ use self::mode::Mode;
 use self::picture::Picture;
 use self::profile::{Profile, SADDLE};
 use self::rim::Rim;
+use self::yielding::Yielding;
 use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
 use crate::lanes::Lanes;
@@ -88,6 +90,15 @@ const fn at_rim(
     means: &'static str,
 ) -> Parameter {
     parameter(name, unit, (-most, most), 1e3, time_power, means)
+}
+
+/// What a yielding drive loses, and the phase of its bell.
+const fn lost(name: &'static str, means: &'static str) -> Parameter {
+    parameter(name, "", (-1.0, 1.0), 10.0, 0, means)
+}
+
+const fn turning(name: &'static str, means: &'static str) -> Parameter {
+    parameter(name, "s", (0.0, 2e3), 1e6, 3, means)
 }
 
 const fn power(name: &'static str, means: &'static str) -> Parameter {
@@ -176,6 +187,21 @@ macro_rules! parameters {
                 reach: None,
                 means: "damping ratio of the mode",
             },
+            Parameter {
+                name: "yield_lag_s",
+                unit: "s",
+                range: (0.0, 1.0),
+                neutral: 0.0,
+                allowed: (0.0, 1e3),
+                time_power: 1,
+                optional: false,
+                reach: None,
+                means: "time constant with which a yielding drive follows the board's angles, as a lag does",
+            },
+            lost("yield_x", "share of the angle about x that a drive loses while it turns fast"),
+            lost("yield_y", "the same about y"),
+            turning("yield_x_s_per_rad", "phase of the bell that is not lost, for each rad/s about x"),
+            turning("yield_y_s_per_rad", "the same about y"),
             picture("picture_turn_x", "", "angle of the picture from x towards y for each radian of the board about x"),
             picture("picture_turn_y", "", "the same for each radian about y"),
             picture("picture_growth_x_per_rad", "1/rad", "growth of the picture for each radian of the board about x"),
@@ -194,15 +220,16 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     hypothesis: false,
     shrunk: false,
     noise: None,
-    equation: "acceleration = Σ push f(s) - (drag + Σ brake f(s)) (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g (gain (mode - angles) + Σ gear f(s) angles), \
+    equation: "acceleration = Σ push f(s) - (drag + Σ brake f(s)) (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g (gain (mode - angles) + Σ gear f(s) angles + drive - angles), \
                s = wave · place + swift · velocity + heading · v̂ + tilt · angles + rate t + way ℓ + phase, d²mode/dt² = rate² (angles - mode) - 2 damping rate d mode/dt, \
+               drive = u (1 - yield (1 - exp(-(slowness du/dt)²/2))) for each axis, lag du/dt = angles - u, \
                seen = (1 + growth · angles) R(turn · angles) seen; at the rim: a push away less hold, and - (brake + drag v) v̂",
     parameters: parameters!["1" "first", "2" "second", "3" "third", "4" "fourth", "5" "fifth"],
     does: "A stand-in for physics that no effect of the catalogue explains, as far as recordings show it. It has up to five \
            profiles (a wave, step, bell, ridge, round spot, line, bowl or saddle) of push, of drag and of the gears. A profile \
            depends on the place, the marble's velocity and direction, the board's tilt, and the time and path length ℓ since \
            row 0. It also has a drag and a side push with any power of the speed, and a vibration mode of the board on its \
-           knobs, and the picture may turn about its centre and grow with the tilt. A marble that touches the rim may be held there, and \
+           knobs, the board may follow late and lose a share of its angle while it turns fast, and the picture may turn about its centre and grow with the tilt. A marble that touches the rim may be held there, and \
             braked. Accelerations are those of the rolling marble as observed, not 7/5 of them. The powers are constant above 1 \
            m/s; lines, bowls and saddles are constant beyond 1000 radians. A drag with the power 0 holds a resting marble as \
            friction does.",
@@ -241,6 +268,7 @@ pub(crate) struct Unlisted<S: Simd> {
     drag: Law<S>,
     side: Option<Law<S>>,
     mode: Option<Mode<S>>,
+    yielding: Option<Yielding<S>>,
     picture: Option<Picture<S>>,
     rim: Option<Rim<S>>,
     /// Start of the present substep after row 0, and its length (s).
@@ -270,14 +298,18 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
             drag,
             side: any(side.most).then_some(side),
             mode: any(rest[4]).then(|| Mode::new(rest[4], rest[5], rest[6])),
-            picture: rest[7..11]
+            yielding: rest[7..10]
                 .iter()
                 .any(|&one| any(one))
-                .then(|| Picture::new([rest[7], rest[8]], [rest[9], rest[10]])),
-            rim: rest[11..14]
+                .then(|| Yielding::new(rest[7], [rest[8], rest[9]], [rest[10], rest[11]])),
+            picture: rest[12..16]
                 .iter()
                 .any(|&one| any(one))
-                .then(|| Rim::new(rig, [rest[11], rest[12], rest[13]])),
+                .then(|| Picture::new([rest[12], rest[13]], [rest[14], rest[15]])),
+            rim: rest[16..19]
+                .iter()
+                .any(|&one| any(one))
+                .then(|| Rim::new(rig, [rest[16], rest[17], rest[18]])),
             time: zero,
             length: zero,
             tilt: None,
@@ -291,6 +323,9 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
         self.tilt = Some(*tilt);
         if let Some(mode) = &mut self.mode {
             mode.pass(tilt, length);
+        }
+        if let Some(drive) = &mut self.yielding {
+            drive.pass(tilt, length);
         }
     }
 
@@ -323,6 +358,11 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
             let pull = GRAVITY * (mode.gain * push.length);
             x = x + pull * mode.away[1];
             y = y - pull * mode.away[0];
+        }
+        if let Some(drive) = &self.yielding {
+            let pull = GRAVITY * push.length;
+            x = x + pull * drive.away[1];
+            y = y - pull * drive.away[0];
         }
         if self.brakes || self.side.is_some() {
             // The rolling velocity after the pushes: a drag stops a slow marble and does not reverse it.

@@ -1,4 +1,4 @@
-//! Profiles of push, drag and gears, powers of the speed, and the mode.
+//! Profiles of push, drag and gears, powers of the speed, the mode, and the drive that yields.
 
 use labsim::Engine;
 use labsim::board::GRAVITY;
@@ -347,6 +347,26 @@ proptest! {
             assert_close(path[15][1], 0.0, 1e-7, "it swings about y alone");
         }
     }
+
+    #[test]
+    fn a_drive_that_yields_follows_late_and_gains_its_angle_as_it_slows(lag in 0.05..0.3_f64, lost in -0.5..1.0_f64, slowness in 0.0..200.0_f64) {
+        let (knob, first) = (0.006, 3);
+        let commands = (0..16).map(|row| [0.0, if row < first { 0.0 } else { knob }]).collect();
+        let late = |t: f64| f64::exp(-t / lag);
+        let bell = |t: f64| f64::exp(-0.5 * (slowness * knob / lag * late(t)).powi(2));
+        let away = |t: f64| knob * ((1.0 - late(t)) * (1.0 - lost * (1.0 - bell(t))) - 1.0);
+        let plain = Trial::of(commands);
+        let named = [("yield_lag_s", lag), ("yield_y", lost), ("yield_y_s_per_rad", slowness), ("yield_x", 0.3), ("yield_x_s_per_rad", 50.0)];
+        for (engine, _) in ENGINES {
+            let path = unlisted(plain.clone(), &named).run(engine);
+            let rigid = plain.run(engine);
+            let end = ROW * f64::from(15 - first);
+            let way = 5.0 / 7.0 * GRAVITY * integral(0.0, end, |t| (end - t) * away(t));
+            let found = path[15][0] - rigid[15][0];
+            assert_close(found, way, 0.02 * way.abs() + 1e-4, &format!("{engine:?}"));
+            assert_close(path[15][1], 0.0, 1e-7, "it turns about y alone");
+        }
+    }
 }
 
 /// Each shape at a phase, with the phase across.
@@ -439,6 +459,11 @@ fn a_window_continues_the_path_of_the_whole_run() {
         ("mode_gain", 0.6),
         ("mode_rate_rad_per_s", 9.0),
         ("mode_damping", 0.1),
+        ("yield_lag_s", 0.15),
+        ("yield_x", 0.6),
+        ("yield_y", 0.8),
+        ("yield_x_s_per_rad", 40.0),
+        ("yield_y_s_per_rad", 70.0),
     ];
     let whole = Trial {
         durations: Some(durations),
