@@ -209,9 +209,22 @@ class Answer:
         return self._push >= config.SURE and not self._best.is_exact
 
     @functools.cached_property
-    def _is_whole(self) -> bool:
-        """Whether the set is complete: it needs no random push and no random rebounds that matter."""
+    def _is_quiet(self) -> bool:
+        """Whether the set needs neither a random push nor random rebounds that matter."""
         return self._best.is_exact or max(self._push, self._rebounds) < config.SURE
+
+    @property
+    def _is_whole(self) -> bool:
+        """Whether the set is complete: it is quiet, and its own noise allows the errors of its free runs."""
+        return self._is_quiet and not self._exceeds_noise
+
+    @property
+    def _exceeds_noise(self) -> bool:
+        """Whether free runs err more than the set's own noise, white and correlated, although it is quiet.
+
+        Noise that lasts for seconds may follow what is missing from row to row. A free run cannot.
+        """
+        return self._is_quiet and not self._best.is_exact and self._best.errs_more_than(self._noise)
 
     @property
     def _misses_motion(self) -> bool:
@@ -230,6 +243,8 @@ class Answer:
             return "motion"
         if self._is_whole:
             return ""
+        if self._exceeds_noise:
+            return "noise"
         if not self._is_pushed:
             return "rim"
         return "push" if self._repeats else "chance"
@@ -238,12 +253,12 @@ class Answer:
         """Return the verdict; it is "unlisted" if the most important effect is the learned correction.
 
         Without effects, a push that does not repeat is not missing physics, because no simulator can predict
-        it. But five parameters that leave most of the motion unexplained are not sufficient, no matter how
-        their noise or push accounts for it.
+        it. But five parameters that leave most of the motion unexplained, or more than their noise allows,
+        are not sufficient, no matter how their noise or push accounts for it.
         """
         if not order:
             repeats = self._is_pushed and self._repeats
-            return "unlisted" if repeats or self._misses_motion else "sufficient"
+            return "unlisted" if repeats or self._rest in {"motion", "noise"} else "sufficient"
         return "unlisted" if order[0] == UNLISTED else "missing"
 
     def _where(self) -> tuple[Finding, ...]:

@@ -22,11 +22,12 @@ from irt.model import Parameter
 Array = NDArray[np.float64]
 
 #: Origin of errors that are clearly more than noise.
-Rest = Literal["", "motion", "push", "chance", "rim"]
+Rest = Literal["", "motion", "noise", "push", "chance", "rim"]
 
 #: Sentences added if effects are named and errors remain that are clearly more than noise, by their origin.
 _MORE = {
     "": "",
+    "noise": " Errors remain that are larger than the model's own noise allows.",
     "push": " Errors beyond noise remain: no effect of the catalogue describes them.",
     "chance": " Errors beyond noise remain: they do not repeat from run to run, or follow rebounds from the "
     "rim.",
@@ -36,6 +37,11 @@ _MORE = {
 #: What is said without effects, around the errors.
 _NONE = {
     "": ("The five parameters{} explain the recordings", "They reveal no missing physics."),
+    "noise": (
+        "The five parameters{} leave errors that are larger than their own noise allows, and no known effect "
+        "explains them",
+        "Therefore nothing is named.",
+    ),
     "motion": (
         "The five parameters{} leave most of the motion unexplained, and no known effect explains it",
         "Therefore nothing is named.",
@@ -87,9 +93,9 @@ def summary(
         Mean absolute error of the base model and of the final one [board edges].
     heldout : bool
         Whether these are errors on held-out recordings.
-    rest : {"", "motion", "push", "chance", "rim"}
-        Origin of errors that are clearly more than noise: most of the motion, a push that repeats, one that
-        does not, random rebounds alone, or none.
+    rest : {"", "motion", "noise", "push", "chance", "rim"}
+        Origin of errors that are clearly more than noise: most of the motion, more than the model's own
+        noise allows, a push that repeats, one that does not, random rebounds alone, or none.
     unnamed : collection of str
         Parts of the model that are not among the effects.
     row_s : float, optional
@@ -206,7 +212,7 @@ def smoothed(effects: Sequence[NamedEffect], row_s: float) -> Iterator[str]:
 
 def suggestion(effects: Sequence[NamedEffect], rig: Path, rest: Rest = "") -> str:
     """Return what to do or record next, and why; `rest` as for `summary`."""
-    if rest == "motion":
+    if rest in {"motion", "noise"}:
         return (
             "Check that the commands belong to these recordings (files, order, clock), and their units; then "
             f"the ranges of the parameters in rig.toml. `irt check {as_typed(rig)}` shows what it finds."

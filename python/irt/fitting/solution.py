@@ -226,7 +226,7 @@ class Probable:
         Covariance of the values.
     states : (s, 4) array
         Start states of the segments, as in `Solution`.
-    noise : (11,) array
+    noise : (14,) array
         Noise sizes, as taken by `Problem.filter`.
     log_likelihood : float
         Log-likelihood of the observations [nats].

@@ -141,6 +141,12 @@ def test_of_a_push_that_does_not_repeat_nothing_is_said_to_be_certain():
     assert "it may follow rebounds from the rim" in text
 
 
+def test_errors_that_noise_does_not_allow_are_not_called_sufficient():
+    text = summary([], noise=0.02, before=0.09, after=0.09, heldout=True, rest="noise")
+    assert text.startswith("The five parameters leave errors that are larger than their own noise allows")
+    assert text.endswith("Therefore nothing is named.")
+
+
 def test_rebounds_that_nothing_explains_are_mentioned():
     text = summary([], noise=0.001, before=0.01, after=0.01, heldout=True, rest="rim")
     assert text.startswith("Between impacts the five parameters explain the recordings; rebounds")

@@ -1,0 +1,36 @@
+"""The answer that is made of a set, whatever search it came from."""
+
+from dataclasses import replace
+
+import pytest
+
+from irt.diagnosis import config
+from irt.diagnosis.answer import Answer
+from irt.diagnosis.relevance import Relevance
+from irt.diagnosis.result import UNLISTED
+from irt.diagnosis.score import DEPARTURE, LASTING, LASTING_S, PULL, PUSH, RESTITUTION, Scores
+from irt.diagnosis.selection import Selection
+from irt.diagnosis.sets import Posterior
+
+
+def quiet(_text: str) -> None:
+    """Ignore progress."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("lasting", "verdict"), [(0.001, "unlisted"), (0.003, "sufficient")])
+def test_noise_that_stands_for_what_is_missing_is_not_sufficient(plant, lasting, verdict):
+    """Correlated noise follows from row to row what a free run lacks, so that no push seems to be needed."""
+    turns = {"name": UNLISTED, "picture_turn_x": 10.0, "picture_turn_y": -7.5}
+    scores = Scores(plant([turns], runs=4, stamped=True))
+    base = scores.base()
+    noise = base.noise.copy()
+    noise[[PUSH, PULL, RESTITUTION]] = config.LITTLE
+    noise[[LASTING, LASTING_S, DEPARTURE]] = lasting, 1.0, 0.0
+    noisy = replace(base, top=replace(base.top, noise=noise))
+    scores.known[frozenset()] = noisy
+    relevance = Relevance(Selection(scores, [], quiet), Posterior(noisy, (noisy,)))
+    found = Answer(noisy, relevance, frozenset()).diagnosis(quiet)
+    assert not found.effects
+    assert found.verdict == verdict
+    assert ("own noise allows" in found.summary) == (verdict == "unlisted")
