@@ -98,7 +98,7 @@ const fn lost(name: &'static str, means: &'static str) -> Parameter {
 }
 
 const fn turning(name: &'static str, means: &'static str) -> Parameter {
-    parameter(name, "s", (0.0, 2e3), 1e6, 3, means)
+    parameter(name, "s", (-2e3, 2e3), 1e6, 3, means)
 }
 
 const fn power(name: &'static str, means: &'static str) -> Parameter {
