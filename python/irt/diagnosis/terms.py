@@ -33,6 +33,8 @@ PICTURE = "picture"
 #: Rates of the picture's angle and growth for each radian of the board about x and about y.
 TURNS = ("picture_turn_x", "picture_turn_y")
 GROWTHS = ("picture_growth_x_per_rad", "picture_growth_y_per_rad")
+#: Parameters of a drive that yields: its lag, and for each axis what it loses and the phase of what it keeps.
+YIELDING = ("yield_lag_s", "yield_x", "yield_y", "yield_x_s_per_rad", "yield_y_s_per_rad")
 #: Forces at the rim, each a term of its own, and where fits of them begin: what holds a marble there
 #: [m/s^2], and what brakes it at any speed [m/s^2] and in proportion to it [1/s].
 AT_RIM = {
@@ -45,7 +47,7 @@ _SIZES = {
     "drag_strength": "drag",
     "side_strength": "side",
     "mode_gain": MODE,
-    "yield_lag_s": YIELD,
+    YIELDING[0]: YIELD,
     TURNS[0]: PICTURE,
     **{name: name for name in AT_RIM},
 }

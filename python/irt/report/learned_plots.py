@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.diagnosis.basis import ROUND
+from irt.diagnosis.board_motion import of_lags
 from irt.diagnosis.result import Diagnosis, NamedEffect
+from irt.diagnosis.terms import YIELDING
 from irt.model import Parameter
 from irt.report import style
 from irt.report.diagnosis_plots import thinned
@@ -88,6 +90,11 @@ def learned_pictures(
         path = folder / f"learned-{law[0].split(maxsplit=1)[0]}.svg"
         _plot_law(path, law, seen.speed, shown_row_s)
         pictures.append(Picture(path, f"Learned {law[0]} over the speed."))
+    drive = {name: one.parameters[name].value for name in YIELDING}
+    if drive[YIELDING[0]]:
+        path = folder / "learned-drive.svg"
+        _plot_drive(path, drive, seen.rates(drive[YIELDING[0]]), shown_row_s)
+        pictures.append(Picture(path, "Learned share of its angle that a drive keeps, over its rate."))
     return pictures
 
 
@@ -103,10 +110,17 @@ class _Seen:
         # Differences of noisy positions overstate the highest speeds.
         self.speed = float(np.quantile(known, 0.99)) if len(known) else 0.1
         gears = [model.parameters[name].value for name in ("gear_x", "gear_y")]
-        self.tilt = max(float(np.abs(one.knobs * gears).max(initial=0.0)) for one in rig.recordings)
+        self._tilts, self._row_s = [one.knobs * gears for one in rig.recordings], row_s
+        self.tilt = max(float(np.abs(one).max(initial=0.0)) for one in self._tilts)
         self.seconds = row_s * max(len(one.knobs) for one in rig.recordings)
         lengths = [float(np.nansum(np.linalg.norm(np.diff(path, axis=0), axis=1))) for path in self.paths]
         self.way = max(lengths, default=0.1)
+
+    def rates(self, lag: float) -> Array:
+        """Return the highest rates about x and y of a drive with a lag [s] under the commands [rad/s]."""
+        lags = np.array([lag])
+        late = [of_lags(one, one[0], lags, self._row_s) for one in self._tilts]
+        return np.asarray(np.max([np.abs(one[:, 0]).max(axis=0) for one in late], axis=0) / lag)
 
     def ends(self, variable: str) -> list[tuple[float, float]]:
         """Return the limits of the axes of a variable."""
@@ -200,6 +214,22 @@ def _plot_line(path: Path, field: _Field, seen: _Seen) -> None:
         axes.axhline(0.0, color=style.MUTED, lw=0.7)
         axes.plot(factor * along, field.at(values), color=style.TUNED)
         axes.set(xlabel=f"{name}  [{unit}]", ylabel=field.label, xlim=(factor * low, factor * high))
+
+
+def _plot_drive(path: Path, drive: Mapping[str, float], rates: Array, row_s: float | None) -> None:
+    """Draw the shares of its angles that a drive keeps, up to the recorded rates."""
+    _, unit, factor = variable_unit("turning", row_s)
+    with style.drawing(path, style.WIDTH, 2.6) as figure:
+        axes: Any = figure.subplots()
+        for axis, most, color in zip("xy", rates, (style.TUNED, style.RECORDED), strict=True):
+            along = np.linspace(0.0, most, _MOST)
+            phase = drive[f"yield_{axis}_s_per_rad"] * along
+            kept = 1.0 - drive[f"yield_{axis}"] * (1.0 - np.exp(-0.5 * phase**2))
+            axes.plot(factor * along, 100.0 * kept, color=color, label=f"about {axis}")
+        axes.set(xlabel=f"rate of the drive  [{unit}]", ylabel="share of its angle  [%]")
+        axes.set_xlim(0.0, factor * float(rates.max()))
+        axes.set_ylim(bottom=0.0)
+        axes.legend()
 
 
 def _plot_law(path: Path, law: tuple[str, Parameter, Parameter], speed: float, row_s: float | None) -> None:

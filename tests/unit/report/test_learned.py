@@ -141,3 +141,16 @@ def test_a_map_has_the_sign_of_the_push(tmp_path, labyrinth, diagnosis_of, drawn
     np.testing.assert_allclose(filled.levels, np.linspace(-20.0, 20.0, 10), rtol=1e-4)
     right = filled.get_paths()[-1]  # of the most positive level
     assert right.vertices[:, 0].min() > 0.0
+
+
+@pytest.mark.parametrize(("stamped", "unit"), [(True, "mrad/s"), (False, "mrad/row")])
+def test_what_a_drive_keeps_is_drawn_over_its_rate(tmp_path, labyrinth, diagnosis_of, drawn, stamped, unit):
+    one = correction(yield_lag_s=0.2, yield_x=0.9, yield_x_s_per_rad=500.0)
+    (picture,) = learned_pictures(tmp_path, one, labyrinth, diagnosis_of("unlisted"), 0.1, stamped=stamped)
+    assert picture.path.stem == "learned-drive"
+    (axes,) = drawn.figure.axes
+    assert f"[{unit}]" in axes.get_xlabel()
+    x, y = (line.get_ydata() for line in axes.get_lines())
+    assert x[0] == pytest.approx(100.0)
+    assert x.min() == pytest.approx(10.0, abs=1.0)
+    assert y == pytest.approx(100.0)
