@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.files import PathLike, write_atomic
+from irt.files import PathLike
+from irt.tracking.drawing import save_png, write_text
 from irt.tracking.nested import AmbiguousBoardError, given
 from irt.tracking.opencv import opencv
 
@@ -44,18 +43,17 @@ def write_outlines(path: PathLike, found: AmbiguousBoardError) -> None:
         cv2.circle(drawn, (round(x), round(y)), 13, colour, -1, cv2.LINE_AA)
         # Brightness as Rec. 601 weighs it: dark numbers on bright colours.
         ink = PAPER if np.dot(colour, (0.114, 0.587, 0.299)) < BRIGHT else INK
-        _write(drawn, str(number), (round(x) - 5, round(y) + 5), ink)
+        write_text(drawn, str(number), (round(x) - 5, round(y) + 5), ink)
     legend = np.full((LINE * (len(found.outlines) + 1), drawn.shape[1] + MARGIN, 3), 255, np.uint8)
     for number, (corners, colour) in enumerate(zip(found.outlines, COLOURS, strict=False), start=1):
         foot = LINE * number - 7
         cv2.rectangle(legend, (MARGIN, foot - 12), (MARGIN + 18, foot + 2), colour, -1)
-        _write(legend, f"{number}   --corners {given(corners)}", (MARGIN + 30, foot), INK)
+        write_text(legend, f"{number}   --corners {given(corners)}", (MARGIN + 30, foot), INK)
     last = LINE * (len(found.outlines) + 1) - 7
-    _write(
+    write_text(
         legend, "none of them: read the corners of the board's floor off the scales", (MARGIN + 30, last), INK
     )
-    _, data = cv2.imencode(".png", np.vstack([_with_scales(drawn, larger), legend]))
-    write_atomic(path, data.tobytes())
+    save_png(path, np.vstack([_with_scales(drawn, larger), legend]))
 
 
 def _with_scales(drawn: Picture, larger: int) -> Picture:
@@ -66,14 +64,9 @@ def _with_scales(drawn: Picture, larger: int) -> Picture:
     for pixel in range(0, width // larger, TICK):
         at = MARGIN + larger * pixel
         cv2.line(framed, (at, MARGIN - 8), (at, MARGIN), INK, 1)
-        _write(framed, str(pixel), (at - 12, MARGIN - 14), INK)
+        write_text(framed, str(pixel), (at - 12, MARGIN - 14), INK)
     for pixel in range(0, height // larger, TICK):
         at = MARGIN + larger * pixel
         cv2.line(framed, (MARGIN - 8, at), (MARGIN, at), INK, 1)
-        _write(framed, str(pixel), (2, at + 5), INK)
+        write_text(framed, str(pixel), (2, at + 5), INK)
     return framed
-
-
-def _write(picture: Any, text: str, place: tuple[int, int], colour: tuple[int, int, int]) -> None:
-    cv2 = opencv()
-    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.errors import IrtError
-from irt.files import PathLike, write_atomic
+from irt.files import PathLike
+from irt.tracking.drawing import save_png, write_text
 from irt.tracking.opencv import opencv
 from irt.tracking.run import Scene
 from irt.tracking.source import Frame, Picture
@@ -67,8 +68,8 @@ class Overlay:
         text = f"{frame.stamp:8.2f} s   {'lost' if not sighting.seen else f'{sighting.confidence:.2f}'}"
         # A thicker font would be a wider one: the dark edge is the same text, moved.
         for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-            _write(drawn, text, (8 + dx, 20 + dy), (0, 0, 0))
-        _write(drawn, text, (8, 20), PAPER if sighting.seen else LOST)
+            write_text(drawn, text, (8 + dx, 20 + dy), (0, 0, 0))
+        write_text(drawn, text, (8, 20), PAPER if sighting.seen else LOST)
         self._writer.write(drawn)
         self._count += 1
 
@@ -95,11 +96,6 @@ class Overlay:
                 f"{self.path.parent}: the video of what was seen cannot be written: {count} of {self._count} "
                 "pictures are in it; is the disk full?"
             )
-
-
-def _write(picture: Picture, text: str, place: tuple[int, int], colour: tuple[int, int, int]) -> None:
-    cv2 = opencv()
-    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
 
 
 def draw_sighting(picture: Picture, sighting: Sighting, radius: float, larger: int = 1) -> None:
@@ -172,15 +168,12 @@ class ContactSheet:
         IrtError
             If the file cannot be written.
         """
-        cv2 = opencv()
         tiles = sorted(self._worst.values(), key=lambda one: _worth(one.sighting))[:TILES]
         drawn = [self._drawn(tile) for tile in tiles]
         blank = np.full_like(drawn[0], 255)
         drawn += [blank] * (-len(drawn) % COLUMNS)
         rows = [np.hstack(drawn[row : row + COLUMNS]) for row in range(0, len(drawn), COLUMNS)]
-        # OpenCV's own writer of files reports no full disk.
-        _, data = cv2.imencode(".png", np.vstack(rows))
-        write_atomic(path, data.tobytes())
+        save_png(path, np.vstack(rows))
 
     def _drawn(self, tile: _Tile) -> Picture:
         cv2 = opencv()
@@ -192,7 +185,7 @@ class ContactSheet:
         draw_sighting(large, moved, self._scene.learned.radius, LARGER)
         label = np.full((22, large.shape[1], 3), 255, np.uint8)
         text = f"{tile.stamp:.2f} s  {'lost' if not one.seen else f'{one.confidence:.2f}'}"
-        cv2.putText(label, text, (5, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (30, 30, 30), 1, cv2.LINE_AA)
+        write_text(label, text, (5, 16), (30, 30, 30), 0.45)
         framed = np.vstack([label, large])
         return np.asarray(cv2.copyMakeBorder(framed, 0, 4, 2, 2, cv2.BORDER_CONSTANT, value=PAPER))
 
