@@ -65,6 +65,8 @@ DAMPINGS = (0.03, 0.1, 0.25, 0.6)
 #: mean square of their rates.
 LAGS = np.geomspace(0.03, 1.0, 8)
 KEPT = np.geomspace(0.15, 1.2, 4)
+#: Smallest width of a bell [rad/s], the finest of the engine's range: no board is seen to turn so slowly.
+STEADY = 5e-4
 #: Least share of the angles that follows late in a first guess of what is lost.
 LEAST = 0.1
 #: Required gain per parameter of a term [nats].
@@ -289,7 +291,8 @@ class Regressors:
         follows, yields = np.reshape(found.strengths, (2, 2)).T
         shares = np.clip(-yields / np.maximum(follows, LEAST), -1.0, 1.0)
         place = np.unravel_index(found.place, (len(LAGS), len(KEPT)))
-        slowness = 1.0 / np.maximum(sizes[place], 1e-12)
+        # An axis that rests loses nothing.
+        slowness = np.where(sizes[place] > 0.0, 1.0 / np.maximum(sizes[place], STEADY), 0.0)
         # A turn about y pushes along x.
         values = {
             "yield_lag_s": float(LAGS[place[0]]),

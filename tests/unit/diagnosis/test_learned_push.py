@@ -1,16 +1,23 @@
 """Physics outside the catalogue is found in the residuals and learned inside the simulator."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from irt.catalogue import effect
 from irt.diagnosis import config
+from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.formula import formula, variables
 from irt.diagnosis.learned import Corrections
 from irt.diagnosis.regressors import terms_of_motion
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import LASTING, LASTING_S, PULL, PUSH, Scores
 from irt.diagnosis.selection import Selection
+from irt.engine import rollouts
+
+#: The planted parameters of `plant`, and its tracker's noise [board edges].
+TRUTH, NOISE = (0.06, 0.05, 4e-4, 15.0, 1.03), 1e-3
 
 
 def quiet(_text: str) -> None:
@@ -160,6 +167,22 @@ def test_what_is_planted_is_learned_first_and_needs_no_push(plant, planted, fami
     assert found.score > base.score + config.SURE
     assert Scores.of(found).push(found) < Scores(base.dataset).push(base)
     assert found.fitted.noise < base.fitted.noise
+
+
+@pytest.mark.slow
+def test_a_drive_that_yields_is_learned_where_the_other_axis_rests(plant):
+    drive = {"name": UNLISTED, "yield_lag_s": 0.2, "yield_y": 0.8, "yield_y_s_per_rad": 100.0}
+    rig, random = plant(runs=6, rows=100, stamped=True).rig, np.random.default_rng(1)
+    recordings = []
+    for one in rig.recordings:
+        knobs = one.knobs * [0.0, 1.0]
+        marble = rollouts([TRUTH], knobs, effects=[drive], start=one.marble[0])[0]
+        marble = marble + NOISE * random.standard_normal(marble.shape)
+        recordings.append(replace(one, knobs=knobs, marble=marble))
+    base, found = learned(Dataset.of(replace(rig, recordings=tuple(recordings))))
+    assert found.terms[0].family == ("command", "yield")
+    assert found.values["unlisted.yield_lag_s"] == pytest.approx(0.2, abs=0.03)
+    assert found.fitted.noise < 1.3 * base.dataset.noise < base.fitted.noise
 
 
 @pytest.mark.slow
