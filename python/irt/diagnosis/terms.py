@@ -38,7 +38,7 @@ YIELDING = ("yield_lag_s", "yield_x", "yield_y", "yield_x_s_per_rad", "yield_y_s
 #: Forces at the rim, each a term of its own, and where fits of them begin: what holds a marble there
 #: [m/s^2], and what brakes it at any speed [m/s^2] and in proportion to it [1/s].
 AT_RIM = {
-    "rim_hold_m_per_s2": (0.02, 0.1),
+    "rim_hold_m_per_s2": (0.02, 0.1, 0.5),
     "rim_brake_m_per_s2": (0.01, 0.05),
     "rim_drag_per_s": (0.5, 4.0),
 }
