@@ -171,7 +171,6 @@ def test_where_nothing_is_hidden_nothing_is_named():
     "force",
     [
         {"rim_hold_m_per_s2": 0.1},
-        {"rim_brake_m_per_s2": 0.06},
         {"rim_drag_per_s": 4.0},
         {"rim_brake_m_per_s2": 0.04, "rim_drag_per_s": 3.0},
     ],
