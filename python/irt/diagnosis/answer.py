@@ -218,13 +218,20 @@ class Answer:
         """Whether the set is complete: it is quiet, and its own noise allows the errors of its free runs."""
         return self._is_quiet and not self._exceeds_noise
 
-    @property
+    @functools.cached_property
     def _exceeds_noise(self) -> bool:
-        """Whether free runs err more than the set's own noise, white and correlated, although it is quiet.
+        """Whether free runs err more than the set's noise, part of which lasts, although it is quiet.
 
-        Noise that lasts for seconds may follow what is missing from row to row. A free run cannot.
+        Noise that lasts may follow from row to row what is missing, which a free run cannot.
         """
-        return self._is_quiet and not self._best.is_exact and self._best.errs_more_than(self._noise)
+        best = self._best
+        if (
+            best.is_exact
+            or not self._is_quiet
+            or not best.errs_more_than(math.hypot(self._noise, best.drift))
+        ):
+            return False
+        return Scores.of(best).loss_without(best, [LASTING]) >= config.SURE
 
     @property
     def _misses_motion(self) -> bool:

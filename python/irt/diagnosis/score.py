@@ -115,6 +115,21 @@ class Scored:
         """
         return float(np.hypot(*self.noise[[WHITE, LASTING]])) / SCALE_OF_NORMAL
 
+    @property
+    def drift(self) -> float:
+        """Standard deviation of free runs by the random push of a complete model [board edges].
+
+        It is that of a marble away from walls and without friction: the push is white beyond its correlation
+        time, and integrated twice.
+        """
+        white, pull, _ = config.LITTLE
+        seconds = self.dataset.row_s(self.fitted) * np.array(
+            [len(one.knobs) for one in self.dataset.segments]
+        )
+        cubes = float((seconds**4).sum() / (4.0 * seconds.sum()))
+        variance = (white + 2.0 * pull**2 * config.PULL_S) * cubes / 3.0
+        return math.sqrt(variance) / self.dataset.edge_m(self.fitted)
+
     @functools.cached_property
     def fitted(self) -> Fitted:
         """The evaluation of its values by free runs."""
