@@ -1,4 +1,4 @@
-"""The answer that is made of a set, whatever search it came from."""
+"""The answer that is made of a set, of any search."""
 
 from dataclasses import replace
 
