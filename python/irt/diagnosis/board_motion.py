@@ -1,9 +1,11 @@
-"""How far modes and lags of a board are from the angles that its knobs command."""
+"""How far modes and lags of a board are from the angles that its knobs command, and what a drive keeps."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from irt.diagnosis.basis import shaped
 
 Array = NDArray[np.float64]
 
@@ -37,6 +39,11 @@ def of_lags(tilts: Array, before: Array, lags: Array, row_s: float) -> Array:
         found[row] = np.sqrt(left) * (angles - tilt)
         angles = tilt + left * (angles - tilt)
     return found
+
+
+def kept(share: Array | float, slowness: Array | float, rates: Array) -> Array:
+    """Return the share of its angle that a drive keeps at these rates, as in the engine."""
+    return np.asarray(1.0 - share * (1.0 - shaped("bell", slowness * rates)))
 
 
 def _step(rates: Array, dampings: Array, seconds: float) -> Array:

@@ -6,7 +6,7 @@ differentiated.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,10 +21,11 @@ from irt.diagnosis.basis import (
     half_plane,
     lines,
     saddles,
+    shaped,
     spots,
     waves,
 )
-from irt.diagnosis.board_motion import of_lags, of_modes
+from irt.diagnosis.board_motion import kept, of_lags, of_modes
 from irt.diagnosis.displacements import Displacements, row_variances
 from irt.diagnosis.free_motion import LONGEST, PULL_OF_SLOPE, Free, free_motion
 from irt.diagnosis.score import Scored, with_less_push
@@ -283,7 +284,7 @@ class Regressors:
         angles, rates = self._drives(LAGS)
         late = self._pulls(angles - self._values["command"][:, None])
         sizes = np.sqrt((rates**2).mean(axis=0))[:, None] * KEPT[:, None]
-        lost = 1.0 - np.exp(-0.5 * (rates[:, :, None] / np.maximum(sizes, 1e-12)) ** 2)
+        lost = 1.0 - shaped("bell", rates[:, :, None] / np.maximum(sizes, 1e-12))
         fast = self._pulls(angles[:, :, None] * lost)
         late = np.broadcast_to(late[:, :, None], fast.shape)
         parts = [one.reshape(len(one), -1, 2) for one in (late, fast)]
@@ -307,26 +308,24 @@ class Regressors:
         shares, slowness = (
             np.array([values[f"yield_{name}{unit}"] for name in "xy"]) for unit in ("", "_s_per_rad")
         )
-        kept = 1.0 - shares * (1.0 - np.exp(-0.5 * (slowness * rates) ** 2))
-        return self._pulls(kept * angles - self._values["command"][:, None])
+        return self._pulls(kept(shares, slowness, rates) * angles - self._values["command"][:, None])
 
     def _drives(self, lags: Array) -> tuple[Array, Array]:
         """Return the angles and rates (n, k, 2) of drives with k lags, in the middles of the rows."""
-        at_rest = self._dataset.rig.start == "rest"
-        tilts = [one.knobs * self._gears for one in self._dataset.rig.recordings]
-        away = self._of_runs(
-            [of_lags(one, np.zeros(2) if at_rest else one[0], lags, self._row_s) for one in tilts]
-        )
+        away = self._away(of_lags, lags)
         return self._values["command"][:, None] + away, -away / lags[:, None]
 
     def _swings(self, rates: Array, dampings: Array) -> Array:
         """Return the pushes (n, k, 2) by the deviations of k modes from the board's angles."""
+        return self._pulls(self._away(of_modes, rates, dampings))
+
+    def _away(self, of: Callable[..., Array], *shapes: Array) -> Array:
+        """Return the deviations (n, k, 2) of k motions of the board from the commanded angles."""
         at_rest = self._dataset.rig.start == "rest"
         tilts = [one.knobs * self._gears for one in self._dataset.rig.recordings]
-        away = self._of_runs(
-            [of_modes(one, np.zeros(2) if at_rest else one[0], rates, dampings, self._row_s) for one in tilts]
+        return self._of_runs(
+            [of(one, np.zeros(2) if at_rest else one[0], *shapes, self._row_s) for one in tilts]
         )
-        return self._pulls(away)
 
     @staticmethod
     def _pulls(angles: Array) -> Array:

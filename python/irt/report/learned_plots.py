@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.diagnosis.basis import ROUND
-from irt.diagnosis.board_motion import of_lags
+from irt.diagnosis.board_motion import kept, of_lags
 from irt.diagnosis.result import Diagnosis, NamedEffect
 from irt.diagnosis.terms import YIELDING
 from irt.model import Parameter
@@ -223,9 +223,8 @@ def _plot_drive(path: Path, drive: Mapping[str, float], rates: Array, row_s: flo
         axes: Any = figure.subplots()
         for axis, most, color in zip("xy", rates, (style.TUNED, style.RECORDED), strict=True):
             along = np.linspace(0.0, most, _MOST)
-            phase = drive[f"yield_{axis}_s_per_rad"] * along
-            kept = 1.0 - drive[f"yield_{axis}"] * (1.0 - np.exp(-0.5 * phase**2))
-            axes.plot(factor * along, 100.0 * kept, color=color, label=f"about {axis}")
+            share = kept(drive[f"yield_{axis}"], drive[f"yield_{axis}_s_per_rad"], along)
+            axes.plot(factor * along, 100.0 * share, color=color, label=f"about {axis}")
         axes.set(xlabel=f"rate of the drive  [{unit}]", ylabel="share of its angle  [%]")
         axes.set_xlim(0.0, factor * float(rates.max()))
         axes.set_ylim(bottom=0.0)
