@@ -30,9 +30,10 @@ class Relevance:
 
     No engine reproduces a rig exactly at walls and close to rest, and in long recordings a small effect of
     the catalogue can describe the difference. Therefore a set keeps an effect only if its interval excludes
-    the neutral value, and if it is needed: the held-out error increases without it by a share of the
-    tracker's noise, or the held-out recordings are certainly likelier with it, and by more than engines with
-    equal physics differ, or it moves predictions by the tracker's noise.
+    the neutral value, if it is chosen again without most of the recordings, and if it is needed: the held-out
+    error increases without it by a share of the tracker's noise, or the held-out recordings are certainly
+    likelier with it, and by more than engines with equal physics differ, or it moves predictions by the
+    tracker's noise.
 
     Attributes
     ----------
@@ -171,6 +172,17 @@ class Relevance:
         gain = float(self.validation.likelihood_gains(one, without).sum())
         return gain > config.CLOSE or self.validation.difference(one, without) >= noise
 
+    def _is_chosen_again(self, one: Scored, name: str) -> bool:
+        """Whether the set without an effect is left for the set with it without most recordings, too.
+
+        Each recording is left out once, and the effect must gain `config.SURE` on the others, as in `nested`.
+        What is selected without less than half of them depends on which were recorded (stability selection:
+        Meinshausen and Bühlmann, J. R. Stat. Soc. B 72:417, 2010).
+        """
+        here, other = (self.validation.of(each.filtered or each) for each in (one, self.without(one, name)))
+        gains = here.scores - other.scores
+        return 2 * np.count_nonzero(gains > config.SURE) >= len(gains)
+
     def _is_probable(self, name: str) -> bool:
         """Whether an effect or one of its ties is probable enough to be named.
 
@@ -239,7 +251,11 @@ class Relevance:
         losses = {name: self.loss(one, name) for name in one.effects}
         for name in sorted(losses, key=lambda name: losses[name]):
             info = in_unit_of(one.dataset.rig, effect(name))
-            matters = self._is_needed(one, name) and intervals.is_distinct(info, found)
+            matters = (
+                self._is_needed(one, name)
+                and self._is_chosen_again(one, name)
+                and intervals.is_distinct(info, found)
+            )
             if not (matters and self._is_probable(name)):
                 return name, matters
         return None

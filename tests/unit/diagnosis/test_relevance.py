@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from irt.catalogue import effect
@@ -95,6 +96,29 @@ def test_likelihoods_alone_count_unless_errors_refuse_the_effect(plant, monkeypa
     monkeypatch.setattr(Validation, "is_better", lambda *_: refused)
     kept, _ = relevance.kept(relevance.posterior.best)
     assert bool(kept.effects) is not refused
+
+
+class ChosenAgain(Validation):
+    """A validation in which a set with an effect gains enough without `folds` of the recordings only."""
+
+    folds = 0
+
+    def of(self, one):
+        found = super().of(one)
+        gains = np.full(len(found.scores), 0.5 * config.SURE)
+        gains[: self.folds] = 2.0 * config.SURE
+        return replace(found, scores=gains if one.effects else np.zeros(len(gains)))
+
+
+@pytest.mark.parametrize(("folds", "is_kept"), [(4, True), (2, True), (1, False), (0, False)])
+def test_an_effect_is_chosen_again_without_most_recordings(plant, monkeypatch, folds, is_kept):
+    dataset = plant([DELAY], runs=4, rows=60, stamped=True)
+    monkeypatch.setattr(ChosenAgain, "folds", folds)
+    selection = Selection(Scores(dataset), ("delay",), lambda _: None, ChosenAgain())
+    relevance = Relevance(selection, selection.run())
+    kept, immaterial = relevance.kept(relevance.posterior.best)
+    assert bool(kept.effects) is is_kept
+    assert bool(immaterial) is not is_kept
 
 
 class WithoutTheEffect(Validation):

@@ -5,8 +5,6 @@
     reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
 )]
 
-use std::ops::Range;
-
 use nalgebra::{DMatrix, DVector, Matrix4, SVector};
 use pulp::Arch;
 
@@ -15,6 +13,8 @@ use super::windows::Windows;
 use crate::engine::TAIL;
 use crate::filter::{Rows, log_density};
 
+/// Innovations whose shares of the curvature are added at once.
+const BLOCK: usize = 4;
 /// Fisher's information in one innovation about the logarithm of its variance.
 const SPREAD: f64 = 0.5 * TAIL / (TAIL + 3.0);
 
@@ -28,39 +28,36 @@ pub(super) struct Innovation {
     pub(super) is_tilt: bool,
 }
 
-/// Innovations of each observation of a window's marble and tilt, along axes that change. A first row that is the
-/// start has none of the marble; other predictions may be no numbers, but are as many at all values.
-pub(super) fn innovations_of<'a>(
-    windows: &'a Windows,
+/// Appends innovations of each observation of a window's marble and tilt, along axes that change. A first row that is
+/// the start has none of the marble; other predictions may be no numbers, but are as many at all values.
+pub(super) fn append_innovations(
+    to: &mut Vec<Innovation>,
+    windows: &Windows,
     number: usize,
-    rows: Rows<'a>,
-) -> impl Iterator<Item = Innovation> + 'a {
+    rows: Rows<'_>,
+) {
     let window = &windows.all[number];
-    let of_channels =
-        move |places: Range<usize>, predicted: &'a [[f64; 2]], variance: &'a [[f64; 2]]| {
-            let known = &windows.known[places.clone()];
-            let observed = &windows.observed[places];
-            let measured = (0..predicted.len()).flat_map(|row| [(row, 0), (row, 1)]);
-            measured
-                .filter(move |&(row, axis)| {
-                    known[2 * row + axis] && (row > 0 || variance[row][axis].is_finite())
-                })
-                .map(move |(row, axis)| {
-                    let off = observed[2 * row + axis] - predicted[row][axis];
-                    (off, variance[row][axis])
-                })
-        };
-    let of_kind = move |is_tilt: bool| {
-        move |(off, variance): (f64, f64)| Innovation {
-            window: number,
-            off,
-            variance,
-            is_tilt,
+    let channels = [
+        (window.marble(), rows.marble, rows.variance, false),
+        (window.tilt(), rows.tilt, rows.tilt_variance, true),
+    ];
+    for (places, predicted, variance, is_tilt) in channels {
+        let known = windows.known[places.clone()].chunks_exact(2);
+        let observed = windows.observed[places].chunks_exact(2);
+        let of_rows = known.zip(observed).zip(predicted.iter().zip(variance));
+        for (row, ((known, observed), (predicted, variance))) in of_rows.enumerate() {
+            for axis in 0..2 {
+                if known[axis] && (row > 0 || variance[axis].is_finite()) {
+                    to.push(Innovation {
+                        window: number,
+                        off: observed[axis] - predicted[axis],
+                        variance: variance[axis],
+                        is_tilt,
+                    });
+                }
+            }
         }
-    };
-    let marble = of_channels(window.marble(), rows.marble, rows.variance).map(of_kind(false));
-    let tilt = of_channels(window.tilt(), rows.tilt, rows.tilt_variance).map(of_kind(true));
-    marble.chain(tilt)
+    }
 }
 
 /// Innovations after a step in which those of the tilt are from a larger step, of which they take a share.
@@ -231,37 +228,66 @@ impl Derivatives {
             uphill: SVector::zeros(),
         };
         let mut starts = vec![no_start; windows];
-        for (
-            i,
-            &Innovation {
-                window,
-                off,
-                variance,
-                is_tilt: _,
-            },
-        ) in self.innovations.iter().enumerate()
-        {
-            let own = i * count..(i + 1) * count;
-            let (of_mean, of_spread) = (&self.of_mean[own.clone()], &self.of_spread[own]);
+        let mut weights = Vec::with_capacity(self.innovations.len());
+        let mut weighed = vec![0.0; count];
+        for (i, one) in self.innovations.iter().enumerate() {
+            let (of_mean, of_spread) = self.of_values(i);
             // The derivatives of Student's t: over the innovation, and over the logarithm of the variance.
-            let weight = (TAIL + 1.0) / (TAIL * variance + off * off);
-            let wider = 0.5 * (weight * off * off - 1.0);
-            for (a, row) in curvature.chunks_exact_mut(count).enumerate() {
-                uphill[a] += weight * off * of_mean[a] + wider * of_spread[a];
-                add(&mut row[..=a], weight * of_mean[a], of_mean);
-                add(&mut row[..=a], SPREAD * of_spread[a], of_spread);
+            let weight = (TAIL + 1.0) / (TAIL * one.variance + one.off * one.off);
+            let wider = 0.5 * (weight * one.off * one.off - 1.0);
+            let of_both = of_mean.iter().zip(of_spread);
+            for (uphill, (of_mean, of_spread)) in uphill.iter_mut().zip(of_both) {
+                *uphill += weight * one.off * of_mean + wider * of_spread;
             }
-            let start = &mut starts[window];
+            let start = &mut starts[one.window];
             let of_state = SVector::from(self.of_state[i]);
-            start.uphill += weight * off * of_state;
+            start.uphill += weight * one.off * of_state;
             start.curvature += weight * of_state * of_state.transpose();
-            for (a, of_mean) in of_mean.iter().enumerate() {
-                for c in 0..4 {
-                    start.cross[(a, c)] += weight * of_mean * of_state[c];
+            for (weighed, of_mean) in weighed.iter_mut().zip(of_mean) {
+                *weighed = weight * of_mean;
+            }
+            let cross = start.cross.as_mut_slice().chunks_exact_mut(count.max(1));
+            for (cross, of_state) in cross.zip(&self.of_state[i]) {
+                add(cross, *of_state, &weighed);
+            }
+            weights.push(weight);
+        }
+        let whole = weights.len() - weights.len() % BLOCK;
+        for first in (0..whole).step_by(BLOCK) {
+            self.add_curvature::<BLOCK>(first, &weights, &mut curvature);
+        }
+        for i in whole..weights.len() {
+            self.add_curvature::<1>(i, &weights, &mut curvature);
+        }
+        (curvature, uphill, starts)
+    }
+
+    /// Adds some innovations' share of the curvature, one after the other: a block is as many single ones, and loads
+    /// and stores each sum once.
+    #[inline(always)]
+    fn add_curvature<const N: usize>(&self, first: usize, weights: &[f64], curvature: &mut [f64]) {
+        let own: [_; N] = std::array::from_fn(|k| self.of_values(first + k));
+        for (a, row) in curvature.chunks_exact_mut(self.count.max(1)).enumerate() {
+            let row = &mut row[..=a];
+            let factors: [_; N] = std::array::from_fn(|k| {
+                let (of_mean, of_spread) = own[k];
+                (weights[first + k] * of_mean[a], SPREAD * of_spread[a])
+            });
+            let own = own.map(|(of_mean, of_spread)| (&of_mean[..=a], &of_spread[..=a]));
+            for (b, sum) in row.iter_mut().enumerate() {
+                for ((of_mean, of_spread), (mean, spread)) in own.iter().zip(factors) {
+                    *sum += mean * of_mean[b];
+                    *sum += spread * of_spread[b];
                 }
             }
         }
-        (curvature, uphill, starts)
+    }
+
+    /// Derivatives of an innovation's prediction and of the logarithm of its variance over values and sizes.
+    #[inline(always)]
+    fn of_values(&self, i: usize) -> (&[f64], &[f64]) {
+        let own = i * self.count..(i + 1) * self.count;
+        (&self.of_mean[own.clone()], &self.of_spread[own])
     }
 }
 

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector, Matrix4, SVector};
 use super::ascent::{Ascent, DAMPING, Look, Place, Probable};
 use super::coordinates::Coordinates;
 use super::derivatives::{
-    Derivatives, Innovation, innovations_of, log_likelihood, with_share_of_tilt,
+    Derivatives, Innovation, append_innovations, log_likelihood, with_share_of_tilt,
 };
 use super::prior::Prior;
 use super::random_sizes::{SIZES, of_sizes, sizes, with_sizes};
@@ -479,12 +479,14 @@ impl<'a> Hill<'a> {
         let noise: Vec<Noise> = trials.iter().map(|(_, noise)| *noise).collect();
         let left_out: Vec<Option<usize>> = left_out.collect();
         let trials: Vec<&Trial> = trials.iter().map(|(trial, _)| trial).collect();
-        let mut innovations: Vec<Vec<Innovation>> = vec![Vec::new(); trials.len()];
+        let windows = self.shooting.windows;
+        let most = windows.known.iter().filter(|known| **known).count();
+        let mut innovations: Vec<Vec<Innovation>> =
+            trials.iter().map(|_| Vec::with_capacity(most)).collect();
         self.shooting
             .predict(&trials, &noise, |[trial, window], rows| {
                 if left_out[trial].is_none_or(|fold| self.folds[window] != Some(fold)) {
-                    let windows = self.shooting.windows;
-                    innovations[trial].extend(innovations_of(windows, window, rows));
+                    append_innovations(&mut innovations[trial], windows, window, rows);
                 }
             })?;
         Ok(innovations)
