@@ -17,21 +17,21 @@ ROWS = 120
 def excitation(random, rows=ROWS):
     """Return knob angles, (rows, 2) [rad], that bring the marble to the rim: three sinusoids a knob."""
     t = np.arange(rows)[:, None, None]
-    periods = random.uniform(0.5, 5.0, (2, 3))
+    periods = random.uniform(0.5, 5.0, (2, 3)) * rows / ROWS
     phase = random.uniform(0.0, 2.0 * np.pi, (2, 3))
     return 0.08 * np.sin(2.0 * np.pi * periods * t / rows + phase).sum(axis=2)
 
 
-def planted(truth, random, runs=4, noise=NOISE, stamped=False):
+def planted(truth, random, runs=4, noise=NOISE, stamped=False, *, rows=ROWS):
     """Return that many recordings of a truth, each under another excitation and from another start."""
     recordings = {}
     for run in range(runs):
-        knobs = excitation(random)
+        knobs = excitation(random, rows)
         start = random.uniform(-0.25, 0.25, 2)
         arguments = {"start": start, "time_step": "continuous"}
         marble = rollouts([truth], knobs, **arguments)[0]
         marble += noise * random.standard_normal(marble.shape)
-        stamps = [truth[3] * SUBSTEP_S * np.arange(ROWS)] if stamped else []
+        stamps = [truth[3] * SUBSTEP_S * np.arange(rows)] if stamped else []
         recordings[f"run-{run + 1}"] = (knobs, marble, *stamps)
     return recordings
 
@@ -72,6 +72,18 @@ def test_what_the_recordings_fix_is_recovered_where_the_time_scale_is_free(write
     assert values[4] == pytest.approx(truth[4], rel=0.01)
     for parameter, true in zip(fit.model.parameters.values(), truth, strict=True):
         assert parameter.low <= true <= parameter.high
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_long_runs_that_meet_the_rim_again_and_again_are_fitted_to_the_noise(write_rig, seed):
+    """From windows of 60 rows to 400 at once, both end in a local minimum, 10 % and 30 % above the noise."""
+    random = np.random.default_rng(seed)
+    truth = drawn(random)
+    fit = least_squares(load_rig(write_rig(planted(truth, random, rows=400))), seed=0)
+    assert fit.noise == pytest.approx(NOISE, rel=0.03)
+    np.testing.assert_allclose(
+        fit.model.values[3] ** 2 * fit.model.values[:2], truth[3] ** 2 * truth[:2], rtol=0.01
+    )
 
 
 def test_the_papers_sinusoid_leaves_the_scale_of_the_picture_open_too(write_rig):

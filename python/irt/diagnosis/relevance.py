@@ -181,7 +181,7 @@ class Relevance:
         """
         here, other = (self.validation.of(each.filtered or each) for each in (one, self.without(one, name)))
         gains = here.scores - other.scores
-        return 2 * np.count_nonzero(gains > config.SURE) >= len(gains)
+        return bool(2 * np.count_nonzero(gains > config.SURE) >= len(gains))
 
     def _is_probable(self, name: str) -> bool:
         """Whether an effect or one of its ties is probable enough to be named.

@@ -16,8 +16,11 @@ use super::windows::Windows;
 
 use crate::error::{Error, Result};
 
-/// Rows of the windows, stage after stage, and iterations spent on each; whole stretches come last.
-const HORIZONS: [(usize, usize); 2] = [(24, 7), (60, 6)];
+/// Rows of the windows of the first stage; those of each later stage are 5/2 as long, and whole stretches come last.
+/// Over many impacts the loss has many minima, and one step from short windows to a long run ends in one of them.
+const SHORTEST: usize = 24;
+/// Iterations on the first windows, and on each of the longer ones.
+const ITERATIONS: [usize; 2] = [7, 6];
 /// Number of start states that are tried with each step.
 pub(super) const VARIANTS: usize = 4;
 /// Length of physics updates in the stages before whole stretches, relative to the engine's.
@@ -30,6 +33,7 @@ pub(super) struct Search<'a> {
     pub(super) progress: Progress<'a>,
     /// All stretches uncut, and the channels' weights.
     pub(super) whole: Windows,
+    /// Rows of the windows, stage after stage, and iterations spent on each.
     pub(super) horizons: Vec<(usize, usize)>,
     rollouts: Cell<usize>,
     pub(super) done: Cell<usize>,
@@ -50,12 +54,15 @@ impl<'a> Search<'a> {
                 "a stretch with at least three rows of tracked positions or measured tilt";
             return Err(Error::invalid("recordings", expected, "none"));
         }
-        let fits = |stage: &(usize, usize)| 3 * stage.0 <= 2 * whole.rows;
+        let horizons = std::iter::successors(Some(SHORTEST), |rows| Some(5 * rows / 2))
+            .take_while(|rows| 3 * rows <= 2 * whole.rows)
+            .enumerate()
+            .map(|(stage, rows)| (rows, ITERATIONS[stage.min(1)]));
         Ok(Self {
             problem,
             cancel,
             progress,
-            horizons: HORIZONS.into_iter().filter(fits).collect(),
+            horizons: horizons.collect(),
             whole,
             rollouts: Cell::new(0),
             done: Cell::new(0),
