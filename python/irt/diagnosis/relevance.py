@@ -175,9 +175,10 @@ class Relevance:
     def _is_chosen_again(self, one: Scored, name: str) -> bool:
         """Whether the set without an effect is left for the set with it without most recordings, too.
 
-        Each recording is left out once, and the effect must gain `config.SURE` on the others, as in `nested`.
-        What is selected without less than half of them depends on which were recorded (stability selection:
-        Meinshausen and Bühlmann, J. R. Stat. Soc. B 72:417, 2010).
+        Each recording is left out once, and the effect must gain `config.SURE` on the others. What is
+        selected without less than half of them depends on which were recorded (after stability selection:
+        Meinshausen and Bühlmann, J. R. Stat. Soc. B 72:417, 2010; their bound is for halves of the data, and
+        does not hold here).
         """
         here, other = (self.validation.of(each.filtered or each) for each in (one, self.without(one, name)))
         gains = here.scores - other.scores

@@ -148,10 +148,10 @@ impl Derivatives {
         };
         for (i, one) in self.innovations.iter().enumerate() {
             if is_kept(one.window) {
-                let own = i * self.count..(i + 1) * self.count;
+                let (of_mean, of_spread) = self.of_values(i);
                 kept.innovations.push(*one);
-                kept.of_mean.extend(&self.of_mean[own.clone()]);
-                kept.of_spread.extend(&self.of_spread[own]);
+                kept.of_mean.extend(of_mean);
+                kept.of_spread.extend(of_spread);
                 kept.of_state.push(self.of_state[i]);
             }
         }
