@@ -89,12 +89,15 @@ class Recipe:
         largest command.
     left_over : bool
         Whether the board is also uneven and sticky.
+    controlled : bool
+        Whether commands come from a controller that sees the marble; with MuJoCo only.
     """
 
     engine: str = "rapier"
     effects: int = 1
     push: float = 0.0
     left_over: bool = False
+    controlled: bool = False
 
 
 def main() -> None:
@@ -111,10 +114,13 @@ def main() -> None:
         "--push", type=float, nargs="+", default=[0.0], help="random push, of the drive: the rigs take turns"
     )
     parser.add_argument("--left-over", action="store_true", help="uneven and sticky boards")
+    parser.add_argument("--controlled", action="store_true", help="commands of a controller (MuJoCo)")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
+    if args.controlled and args.engine != "mujoco":
+        parser.error("--controlled needs --engine mujoco")
     labels = read_labels(args.out)
-    common = Recipe(args.engine, left_over=args.left_over)
+    common = Recipe(args.engine, left_over=args.left_over, controlled=args.controlled)
     for index, recipe in enumerate(recipes(args.rigs, args.nulls, common, args.effects, args.push)):
         name = f"own-{args.seed}-{index:03d}"
         if name not in labels:
@@ -168,12 +174,15 @@ class Setting:
         Recorded commands [rad].
     noise : float
         Standard deviation of the tracker [board edges].
+    except_for : frozenset of str
+        Effects that cannot be simulated.
     """
 
     world: World
     values: Array
     knobs: Array
     noise: float
+    except_for: frozenset[str] = frozenset()
 
     @classmethod
     def drawn(cls, world: World, random: np.random.Generator) -> Setting:
@@ -201,7 +210,7 @@ class Setting:
         self, count: int, random: np.random.Generator
     ) -> tuple[list[dict[str, Any]], dict[str, float]]:
         """Draw effects, with the change of the path by each [noises]; fewer if too few are detectable."""
-        names = [info.name for info in hypothetical() if info.name in self.world.KNOWN]
+        names = [info.name for info in hypothetical() if info.name in self.world.KNOWN - self.except_for]
         plain = self.simulate([])
         effects: list[dict[str, Any]] = []
         moves: dict[str, float] = {}
@@ -223,14 +232,19 @@ def hide(folder: Path, recipe: Recipe, random: np.random.Generator) -> dict[str,
     world: World = importlib.import_module(f"{recipe.engine}_world")
     while True:
         setting = Setting.drawn(world, random)
+        if recipe.controlled:
+            setting = _controlled(setting, [], np.zeros_like(setting.knobs), 0.0, random)
         effects, moves = setting.effects(recipe.effects, random)
         if len(effects) == recipe.effects:
             break
     rest = _left_over(random, effects) if recipe.left_over else []
     largest = np.abs(setting.knobs).max(axis=(1, 2), keepdims=True)
-    pushed = setting.knobs + recipe.push * largest * random.normal(size=setting.knobs.shape)
+    turns = recipe.push * largest * random.normal(size=setting.knobs.shape)
     kind = str(random.choice(list(NOISE), p=list(NOISE.values())))
-    paths = setting.simulate([*effects, *rest], pushed) + setting.noise * _noise(kind, random)
+    noise = setting.noise * _noise(kind, random)
+    if recipe.controlled:
+        setting = _controlled(setting, [*effects, *rest], noise, turns, random)
+    paths = setting.simulate([*effects, *rest], setting.knobs + turns) + noise
     for index, seen in enumerate(paths):
         name = f"train-{index + 1}" if index < TRAIN else f"test-{index + 1 - TRAIN}"
         _write(folder / f"{name}.csv", setting.knobs[index], seen)
@@ -254,6 +268,17 @@ def hide(folder: Path, recipe: Recipe, random: np.random.Generator) -> dict[str,
         "base": float(irt.evaluate(base, tests).mae),
         "oracle": float(np.abs(known - seen).mean()),
     }
+
+
+def _controlled(
+    setting: Setting, effects: Sequence[dict[str, Any]], noise: Array, turns: Array | float, random: Any
+) -> Setting:
+    """Return a setting under the commands of a controller, which sees the marble with this noise."""
+    seeds, turns = DRAWS + np.arange(len(noise)), np.broadcast_to(turns, noise.shape)
+    command = importlib.import_module("controlled").commands
+    knobs = command(setting.values, effects, noise, turns, seeds=seeds, random=random)
+    # The controller's world has one clock.
+    return replace(setting, knobs=knobs, except_for=frozenset({"clock_drift"}))
 
 
 def _left_over(random: np.random.Generator, effects: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -53,6 +53,7 @@ SETS = {
     "several-mujoco": Rigs(20, MUJOCO, (3, 4, 5)),
     "left-over-rapier": Rigs(20, replace(RAPIER, left_over=True), (2, 3, 4, 5), PUSHES),
     "left-over-mujoco": Rigs(20, replace(MUJOCO, left_over=True), (2, 3, 4, 5), PUSHES),
+    "controlled-mujoco": Rigs(24, replace(MUJOCO, controlled=True), (0, 1, 2)),
 }
 PRACTICE = "practice"
 

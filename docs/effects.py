@@ -33,8 +33,9 @@ The catalogue of physics beyond the five parameters, in the order in which effec
 the picture. `make pictures` writes this page from the engine's catalogue; `irt.effects()` returns the same
 data. A range is where a search looks. At its neutral values an effect changes no bit of a rollout. Optional
 parameters stay neutral in every fit that does not name them. The diagnosis does not try effects marked "not a
-hypothesis". The pictures show the paper's drive, 100 rows of 20 physics updates each: grey without the
-effect, blue with it, at the values given below.
+hypothesis", except `slope_map`, as a last resort, and `inertial_forces`, which it never names. The pictures
+show the paper's drive, 100 rows of 20 physics updates each: grey without the effect, blue with it, at the
+values given below.
 
 ```python
 irt.rollouts(parameters, irt.paper_drive(), effects=[{"name": "lag", "time_constant_s": 0.3}])

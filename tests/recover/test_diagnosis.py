@@ -24,8 +24,11 @@ FLOOR = NOISE * np.sqrt(2 / np.pi)
 REBOUNDS = (-0.35, 0.35, -0.25, 0.25, -0.15, 0.15)
 
 
-def hidden(*effects, engine="rolling", runs=5, rows=90, seed=3, size=1.0, board=None, each=None):
-    """Return a rig whose recordings have these effects, one of `each` besides, and commands of that size."""
+def hidden(*effects, engine="rolling", runs=5, rows=90, seed=3, size=1.0, limit=None, board=None, each=None):
+    """Return a rig whose recordings have these effects, one of `each` besides, and commands of that size.
+
+    With a limit the commands are always at one of its signs.
+    """
     rig = Rig(Path("rig"), board or Board(), Marble(), "rest", dict(RANGES), ())
     random = np.random.default_rng(seed)
     recordings = []
@@ -33,6 +36,8 @@ def hidden(*effects, engine="rolling", runs=5, rows=90, seed=3, size=1.0, board=
         time = np.arange(rows)[:, None, None] / rows
         waves = np.sin(2 * np.pi * (time * random.uniform(0.7, 5.0, (2, 3)) + random.random((2, 3))))
         knobs = size * (waves * random.uniform(0.01, 0.05, (2, 3))).sum(axis=2)
+        if limit is not None:
+            knobs = limit * np.sign(knobs)
         start = random.uniform(-0.1, 0.1, 2)
         own = [*effects, *(each[index : index + 1] if each else ())]
         marble = irt.rollouts(
@@ -154,6 +159,22 @@ def test_a_law_of_impacts_as_engines_differ_by_is_modelled_and_not_named():
     assert found.summary.startswith("The five parameters and a law of impacts explain the recordings")
     assert any("Rebounds from the rim are predicted better" in note for note in found.notes)
     assert found.base_heldout_mae == found.final_heldout_mae < 4.0 * FLOOR
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gear_y_by_x", [0.0, 0.15], ids=["nothing hidden", "coupled axes"])
+def test_inertial_forces_of_a_turning_board_are_modelled_and_not_named(gear_y_by_x):
+    """Under commands that jump from limit to limit, as those of a controller often do."""
+    coupled = [{"name": "cross_coupling", "x_from_y": gear_y_by_x, "y_from_x": 0.0}] if gear_y_by_x else []
+    inertia = {"name": "inertial_forces", "rate_per_s": 60.0}
+    found = irt.diagnose(hidden(inertia, *coupled, engine="rapier", limit=0.12))
+    assert [one.name for one in found.effects] == [one["name"] for one in coupled]
+    assert "inertial_forces" not in found.inclusion
+    (modelled,) = [one for one in found.model.effects if one.name == "inertial_forces"]
+    assert modelled.parameters["rate_per_s"] == pytest.approx(60.0, rel=0.3)
+    assert "inertial forces of the turning board" in found.summary
+    assert any("the turning board throws the marble" in note for note in found.notes)
+    assert found.final_heldout_mae < 3.0 * FLOOR
 
 
 @pytest.mark.slow

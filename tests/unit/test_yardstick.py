@@ -63,6 +63,42 @@ def test_an_effect_in_mujoco_is_the_catalogues(mujoco_world, hidden):
     assert np.abs(ours - theirs).mean() < min(NEAR, 0.3 * moves)
 
 
+@pytest.fixture(scope="module")
+def controlled_runs():
+    """Noise, parameters and commands of a controller of two runs."""
+    pytest.importorskip("mujoco", reason="mujoco is an optional package: labsim-irt[mujoco]")
+    from controlled import commands  # noqa: PLC0415
+
+    values = np.array([0.09, 0.07, 8e-4, 13.0, 1.0])
+    noise = np.random.default_rng(1).normal(0.0, 1e-3, (2, 80, 2))
+    turns, seeds = np.zeros_like(noise), np.arange(2)
+    again = [
+        commands(values, [], noise, turns, seeds=seeds, random=np.random.default_rng(0)) for _ in range(2)
+    ]
+    np.testing.assert_array_equal(*again)
+    return noise, values, again[0]
+
+
+def test_a_controller_moves_the_marble_to_its_targets_within_its_limits(mujoco_world, controlled_runs):
+    _, values, commands = controlled_runs
+    assert np.abs(commands).max() <= 0.15
+    assert (np.abs(np.diff(commands, axis=1)) > 0.01).mean() > 0.2
+    paths = mujoco_world.simulate(values, commands, [], start=None, seeds=np.arange(2))
+    assert 0.1 < np.abs(paths).max() < 0.5
+
+
+def test_inertial_forces_are_what_a_plate_of_mujoco_does_as_it_turns(mujoco_world, controlled_runs):
+    """The plate takes an angle within 50 ms: a time constant of 1/60 s has the same effect."""
+    _, values, commands = controlled_runs
+    paths = mujoco_world.simulate(values, commands, [], start=None, seeds=np.arange(2))
+    many = np.tile(values, (2, 1))
+    inertia = [{"name": "inertial_forces", "rate_per_s": 60.0}]
+    for engine in ("rolling", "rapier"):
+        plain, turning = (irt.rollouts(many, commands, engine=engine, effects=each) for each in ([], inertia))
+        assert np.abs(plain - paths).mean() > 2 * NEAR
+        assert np.abs(turning - paths).mean() < 0.3 * np.abs(plain - paths).mean()
+
+
 def test_a_rim_of_mujoco_returns_the_part_of_the_speed_that_it_should(mujoco_world):
     values, knobs = np.array([0.05, 0.05, 3e-4, 20.0, 1.0]), np.zeros((1, 40, 2))
     knobs[0, 1:12, 1] = 0.3

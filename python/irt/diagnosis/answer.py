@@ -17,7 +17,7 @@ from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.detectability import detectability
 from irt.diagnosis.held_out_tilt import TiltPredictions, of_sweeps, with_sensor
-from irt.diagnosis.hypotheses import ALIKE, JITTER, group_of
+from irt.diagnosis.hypotheses import ALIKE, INERTIA, JITTER, group_of
 from irt.diagnosis.latent_force import LatentForce, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
 from irt.diagnosis.needed import Needed
@@ -112,7 +112,7 @@ class Answer:
                 heldout=is_held_out,
                 rest=self._rest,
                 unnamed=self._unnamed,
-                row_s=None if dataset.time_scale is not None else dataset.row_s(best.fitted),
+                row_s=self._row_s,
             ),
             where=where,
             effects=effects,
@@ -306,14 +306,19 @@ class Answer:
         """Return effects by importance: the largest held-out error without it first."""
         return sorted(names, key=lambda name: -self._without(name).mae)
 
+    @property
+    def _row_s(self) -> float | None:
+        """Duration of a row in the simulation [s] if recordings have no stamps."""
+        dataset = self._dataset
+        return None if dataset.time_scale is not None else dataset.row_s(self._best.fitted)
+
     @functools.cached_property
     def _unnamed(self) -> dict[str, list[str]]:
         """Effects in the model that are not named, by what they are."""
         found: dict[str, list[str]] = {}
         for name in self._best.effects:
             if name not in self._names:
-                what = words.LAW_OF_IMPACTS if effect(name).of_rims else words.CORNERS
-                found.setdefault(what, []).append(name)
+                found.setdefault(words.unnamed(effect(name)), []).append(name)
         return found
 
     def _notes_on_unnamed(self) -> Iterator[str]:
@@ -325,6 +330,8 @@ class Answer:
                 (board.wall_restitution, board.wall_restitution + more),
                 (board.wall_friction, board.wall_friction + rubs),
             )
+        if words.TURNING in self._unnamed:
+            yield words.turning(1.0 / self._best.values[f"{INERTIA}.rate_per_s"], self._row_s)
         if words.CORNERS in self._unnamed:
             yield words.corners(self._unnamed[words.CORNERS])
 

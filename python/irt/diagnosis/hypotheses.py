@@ -36,6 +36,10 @@ SPINNING = "spinning_friction"
 #: Name of its size.
 SPIN = f"{SPINNING}.increase"
 
+#: Inertial forces in the frame of the turning board. They are searched like an effect, and never named: they
+#: act on every rig, but show only under commands that change much and often, as those of a controller.
+INERTIA = "inertial_forces"
+
 #: Slopes of the board as a smooth map: a small push that depends on the position only.
 MAP = "slope_map"
 
@@ -60,7 +64,7 @@ def hypotheses(start: str = "rest", *, tilt: bool = False) -> list[str]:
         if (tilt or info.name != max(ALIKE))
         and (info.name == JITTER or _repeats(info.name))
         and (start == "rest" or not info.turns)
-    ] + [MAP]
+    ] + [INERTIA, MAP]
 
 
 def group_of(name: str) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from irt.catalogue import effect
 from irt.diagnosis import calibration, config, intervals, words
-from irt.diagnosis.hypotheses import JITTER, SIZES_OF_TIMES, group_of
+from irt.diagnosis.hypotheses import INERTIA, JITTER, SIZES_OF_TIMES, group_of
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scored, Scores
 from irt.diagnosis.selection import Selection
@@ -33,7 +33,7 @@ class Relevance:
     the neutral value, if it is chosen again without most of the recordings, and if it is needed: the held-out
     error increases without it by a share of the tracker's noise, or the held-out recordings are certainly
     likelier with it, and by more than engines with equal physics differ, or it moves predictions by the
-    tracker's noise.
+    tracker's noise. Inertial forces need no such proof: they act on every board that turns.
 
     Attributes
     ----------
@@ -204,14 +204,16 @@ class Relevance:
     def named(self, one: Scored) -> list[str]:
         """Return the effects of a reduced set that are missing physics.
 
-        Others are differences between engines, or errors of the tracker's calibration.
+        Others are differences between engines, errors of the tracker's calibration, or forces that act on
+        every board that turns.
         """
         found, _ = self.parameters(one)
         rig, noise = one.dataset.rig, one.dataset.noise
         return [
             name
             for name in one.effects
-            if intervals.is_named(in_unit_of(rig, effect(name)), found)
+            if name != INERTIA
+            and intervals.is_named(in_unit_of(rig, effect(name)), found)
             and not calibration.is_within_error(name, one.fitted.value_of(name), rig, noise)
         ]
 
@@ -249,7 +251,7 @@ class Relevance:
         if not one.effects:
             return None
         found, _ = self.parameters(one)
-        losses = {name: self.loss(one, name) for name in one.effects}
+        losses = {name: self.loss(one, name) for name in one.effects if name != INERTIA}
         for name in sorted(losses, key=lambda name: losses[name]):
             info = in_unit_of(one.dataset.rig, effect(name))
             matters = (

@@ -13,7 +13,7 @@ from irt.checking.run import required
 from irt.diagnosis import config
 from irt.diagnosis.answer import Answer
 from irt.diagnosis.dataset import Dataset
-from irt.diagnosis.hypotheses import JITTER, MAP, hypotheses
+from irt.diagnosis.hypotheses import INERTIA, JITTER, MAP, hypotheses
 from irt.diagnosis.learned import Corrections
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.result import UNLISTED, Diagnosis
@@ -88,7 +88,7 @@ def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
         if UNLISTED not in kept.effects and held.of(kept).misses_motion:
             # Where most of the motion is unexplained, effects only imitate its cause.
             kept = baseline
-    elif held.of(baseline).mae <= held.of(kept).mae:
+    elif INERTIA not in kept.effects and held.of(baseline).mae <= held.of(kept).mae:
         # The likeliest five parameters may predict worse than least squares do.
         kept = baseline
     return Answer(kept, relevance, immaterial).diagnosis(report)

@@ -13,6 +13,7 @@ from irt.catalogue import EffectInfo, effect
 from irt.diagnosis.dataset import Dataset, Fitted
 from irt.diagnosis.formula import formula, holds_or_brakes, turns, variables
 from irt.diagnosis.free_motion import PULL_OF_SLOPE
+from irt.diagnosis.hypotheses import INERTIA
 from irt.diagnosis.result import UNLISTED, NamedEffect
 from irt.display import in_rows, listed, two_digits
 from irt.files import as_typed
@@ -46,20 +47,21 @@ _NONE = {
         "The five parameters{} leave most of the motion unexplained, and no known effect explains it",
         "Therefore nothing is named.",
     ),
-    "push": ("No known effect explains the residuals of the five-parameter model", ""),
+    "push": ("No known effect explains the residuals of the five-parameter model{}", ""),
     "chance": (
-        "No known effect explains the residuals of the five-parameter model",
+        "No known effect explains the residuals of the five-parameter model{}",
         "No dependence of the rest on anything recorded is certain (at 1 %); it may follow rebounds from the "
         "rim.",
     ),
     "rim": (
-        "Between impacts the five parameters explain the recordings; rebounds from the rim differ from what "
-        "any known effect describes",
+        "Between impacts the five parameters{} explain the recordings; rebounds from the rim differ from "
+        "what any known effect describes",
         "",
     ),
 }
 #: Parts of a model that are not named.
 LAW_OF_IMPACTS, CORNERS = "a law of impacts", "corrected corners of the picture"
+TURNING = "inertial forces of the turning board"
 #: Beginning of the note with the formula of a learned correction.
 LEARNED = "Learned correction, in SI units: "
 #: Fewest recordings, and fewest places of the marble, for a diagnosis without a caveat.
@@ -132,6 +134,13 @@ def summary(
     )
 
 
+def unnamed(info: EffectInfo) -> str:
+    """Return what an effect is that is in the model and not named."""
+    if info.name == INERTIA:
+        return TURNING
+    return LAW_OF_IMPACTS if info.of_rims else CORNERS
+
+
 def impacts(restitution: tuple[float, float], friction: tuple[float, float]) -> str:
     """Return a note on a law of impacts that is in the model and not named.
 
@@ -154,6 +163,24 @@ def corners(names: Sequence[str]) -> str:
     return (
         f"The picture is displaced a little ({listed(names)}), no more than errors of the tracker's four "
         f"corners by its noise would do: {'this is' if one else 'these are'} in the model, and not named."
+    )
+
+
+def turning(time_s: float, row_s: float | None) -> str:
+    """Return a note on inertial forces that are in the model and not named.
+
+    Parameters
+    ----------
+    time_s : float
+        Time constant of the board's turn [s].
+    row_s : float, optional
+        As for `summary`.
+    """
+    time = f"{two_digits(1e3 * time_s)} ms" if row_s is None else f"{two_digits(time_s / row_s)} rows"
+    return (
+        f"The commands change so much and so often that the turning board throws the marble ({INERTIA}; the "
+        f"board takes a new angle with a time constant of {time}): this is in the model, and not named, "
+        "because it acts on every rig."
     )
 
 

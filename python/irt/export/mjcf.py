@@ -48,6 +48,7 @@ EXPRESSED = frozenset(
         "gear_matrix",
         "cross_coupling",
         "gear_nonlinearity",
+        "inertial_forces",
         "tilt_bias",
         "lean",
         "viscous_drag",

@@ -3,7 +3,7 @@
 import pytest
 
 from irt.catalogue import effect
-from irt.diagnosis.hypotheses import ALIKE, hypotheses, simulated
+from irt.diagnosis.hypotheses import ALIKE, INERTIA, hypotheses, simulated
 from irt.fitting.effect_size import size_of
 
 
@@ -30,6 +30,11 @@ def test_of_two_names_of_one_thing_one_is_asked_for():
     assert len(set(names)) == len(names)
     assert len(ALIKE.intersection(names)) == 1
     assert {"delay_jitter", "lag", "bump"} <= set(names)
+
+
+def test_inertial_forces_are_searched_although_they_are_no_hypothesis():
+    assert INERTIA in hypotheses()
+    assert not effect(INERTIA).hypothesis
 
 
 def test_a_marble_that_rolls_already_lies_another_way_in_each_recording():

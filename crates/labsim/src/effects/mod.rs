@@ -202,6 +202,7 @@ catalogue! {
     tilt_bias: TiltBias,
     lean: Lean,
     board_warp: BoardWarp,
+    inertial_forces: InertialForces,
     slope_map: SlopeMap,
     bump: Bump,
     point_field: PointField,

@@ -2,8 +2,8 @@
 
 use std::f64::consts::PI;
 
-use labsim::Engine;
 use labsim::board::GRAVITY;
+use labsim::{Engine, Rig};
 use proptest::prelude::*;
 
 use super::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, assert_close, assert_speeds};
@@ -194,5 +194,44 @@ fn a_point_beside_the_board_pulls_a_resting_marble_to_it() {
         let way = ROLLING * strength / cube * SUBSTEP * SUBSTEP * n * (n + 1.0) / 2.0;
         assert_close(path[3][0], way * x, 0.02 * way * x, "along x");
         assert_close(path[3][1], way * y, 0.02 * way * y, "along y");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(8))]
+
+    #[test]
+    fn a_turn_shifts_a_marble_over_the_axes_uphill_by_its_radius(
+        tilt in prop::array::uniform2(-0.01..0.01_f64), rate in 40.0..200.0_f64,
+    ) {
+        for (engine, within) in ENGINES {
+            let trial = Trial::of([vec![[0.0; 2]; 2], vec![tilt; 6]].concat());
+            let (plain, turned) = (trial.run(engine), trial.with("inertial_forces", &[rate]).run(engine));
+            let [dx, dy]: [f64; 2] = std::array::from_fn(|axis| turned[7][axis] - plain[7][axis]);
+            let radius = Rig::default().marble.radius_m;
+            assert_close(dx, -radius * tilt[1], 1e-6 + within, &format!("x in {engine:?}"));
+            assert_close(dy, radius * tilt[0], 1e-6 + within, &format!("y in {engine:?}"));
+        }
+    }
+
+    #[test]
+    fn each_turn_throws_a_marble_outwards_by_its_square(
+        tilt in 0.005..0.02_f64, rate in 40.0..200.0_f64, about_x: bool, back: bool,
+    ) {
+        let start = if about_x { [0.0, 0.08] } else { [-0.08, 0.0] };
+        let tilt = if back { -tilt } else { tilt };
+        let turned = if about_x { [tilt, 0.0] } else { [0.0, tilt] };
+        // There and back within two rows, then level.
+        let commands = [vec![[0.0; 2]], vec![turned], vec![[0.0; 2]; 8]].concat();
+        let axis = usize::from(about_x);
+        // The rate of turn falls from tilt × rate as the board follows: the integral of its square, for each turn.
+        let squares = 2.0 * tilt * tilt * rate / (2.0 + rate * SUBSTEP);
+        for (engine, within) in ENGINES {
+            let trial = Trial { start, ..Trial::of(commands.clone()) };
+            let (plain, thrown) = (trial.clone().run(engine), trial.with("inertial_forces", &[rate]).run(engine));
+            let speed = ((thrown[9][axis] - plain[9][axis]) - (thrown[5][axis] - plain[5][axis])) / (4.0 * ROW);
+            let expected = ROLLING * start[axis] * squares;
+            assert_close(speed, expected, 0.03 * expected.abs() + 10.0 * within, &format!("{engine:?}"));
+        }
     }
 }
