@@ -145,6 +145,23 @@ def test_a_rig_has_its_files_its_label_and_a_push_that_is_recorded_nowhere(tmp_p
         assert np.abs(one.marble - other.marble).mean() > calm["sigma"]
 
 
+@pytest.mark.slow
+def test_a_rig_under_a_controller_has_the_commands_that_it_gave_to_what_it_saw(tmp_path):
+    pytest.importorskip("mujoco", reason="mujoco is an optional package: labsim-irt[mujoco]")
+    recipe = Recipe("mujoco", effects=0, push=0.1, controlled=True)
+    label = hide(tmp_path / "rig", recipe, np.random.default_rng(2))
+    assert (label["kind"], label["push"]) == ("none", 0.1)
+    rig = irt.load_rig(tmp_path / "rig")
+    assert len(rig.recordings) == TRAIN + TEST
+    turned = [np.abs(np.diff(one.knobs, axis=0)).max(axis=1) for one in rig.recordings]
+    # No drive that is drawn beforehand changes as often.
+    assert np.mean(np.concatenate(turned) > 1e-3) > 0.5
+    for one in rig.recordings:
+        # Towards its target: a marble far to the right is sent to the left more often than not.
+        away, push = one.marble[:-2, 0] - one.marble[:, 0].mean(), one.knobs[2:, 1]
+        assert np.corrcoef(away, push)[0, 1] < 0.0
+
+
 @pytest.mark.parametrize(
     ("named", "right", "false"),
     [
