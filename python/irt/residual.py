@@ -18,7 +18,17 @@ from irt.measured_tilt import as_played, begun_at_tilt
 from irt.model import LEAN, Model, as_model
 from irt.recording import Recording
 from irt.rig import Rig, as_recordings
-from irt.segments import LEAD_ROWS, Segment, check_length, guess, inputs_of, row_seconds, rows_of, segment_of
+from irt.segments import (
+    LEAD_ROWS,
+    Segment,
+    check_length,
+    guess,
+    inputs_of,
+    lead_rows,
+    row_seconds,
+    rows_of,
+    segment_of,
+)
 from irt.start_state import estimate_start_states, simulate, simulate_tilt
 
 if TYPE_CHECKING:
@@ -251,9 +261,10 @@ def evaluate(
     """Evaluate a model on recordings, in free runs and in windows.
 
     A free run starts in row 0, at rest, or for recordings that start in motion from the state estimated on
-    the first four rows. A window starts from the state estimated on the four rows before it, and does not use
-    the rows that it predicts. Windows follow one another without gaps, except where the marble was lost in
-    more than one of the four rows, and at the end, where no complete window fits.
+    the first four rows. A window starts from the state estimated on the four rows before it (with stamps, on
+    as many as a camera faster than 30 Hz takes in the time of four), and does not use the rows that it
+    predicts. Windows follow one another without gaps, except where the marble was lost in more than a quarter
+    of the rows before, and at the end, where no complete window fits.
 
     Parameters
     ----------
@@ -320,16 +331,16 @@ def _free_run(model: Model, recording: Recording) -> Array:
 
 
 def _windows(model: Model, recording: Recording, window_s: float) -> list[Segment]:
-    """Return the windows of a recording, each preceded by the four rows of its start state."""
+    """Return the windows of a recording, each preceded by the rows of its start state."""
     step = row_seconds(recording, _substeps(model))
     if step == 0.0:
         return []
-    rows = rows_of(window_s, step)
+    rows, lead = rows_of(window_s, step), lead_rows(recording)
     found = []
     first = 0
-    while (end := first + LEAD_ROWS + rows) <= len(recording.knobs):
-        head = slice(first, first + LEAD_ROWS)
-        if recording.seen[head].sum() < LEAD_ROWS - 1 or not recording.seen[head.stop : end].any():
+    while (end := first + lead + rows) <= len(recording.knobs):
+        head = slice(first, first + lead)
+        if recording.seen[head].sum() < 0.75 * lead or not recording.seen[head.stop : end].any():
             first += 1
             continue
         found.append(segment_of(recording, slice(first, end), guess(recording, head, step, 1)))
@@ -348,7 +359,8 @@ def _windowed(
     )
     joined, firsts = [], []
     for recording, of_one in zip(recordings, windows, strict=True):
-        rows = np.array([window.first_row + LEAD_ROWS for window in of_one], dtype=np.int64)
+        lead = lead_rows(recording)
+        rows = np.array([window.first_row + lead for window in of_one], dtype=np.int64)
         together = np.full_like(recording.marble, np.nan)
         for first in rows:
             own = next(predicted)
@@ -392,7 +404,7 @@ def _predict_with_lean(model: Model, windows: Sequence[Segment]) -> list[Array]:
         prior = np.eye(2) / _lean_size(model) ** 2
         lean = np.linalg.solve(information / variance + prior, pull / variance) if squares else np.zeros(2)
         predicted.append(plain[i] + slope @ lean)
-        error = window.observed[LEAD_ROWS:] - plain[i]
+        error = window.observed[lead_rows(window.run) :] - plain[i]
         known = np.isfinite(error[:, 0])
         if known.any():
             information = information + np.einsum("nai,naj->ij", slope[known], slope[known]) / known.sum()
@@ -423,9 +435,10 @@ def _predict_windows(model: Model, windows: Sequence[Segment]) -> list[Array]:
     refined = list(windows)
     for indices in _batches(windows):
         heads = [windows[i] for i in indices]
-        for i, state in zip(indices, _head_states(model, heads, LEAD_ROWS), strict=True):
+        for i, state in zip(indices, _head_states(model, heads, lead_rows(heads[0].run)), strict=True):
             refined[i] = replace(windows[i], start=state[:2], start_velocity=state[2:])
-    return [predicted[LEAD_ROWS:] for predicted in predict(model, refined)]
+    predictions = zip(windows, predict(model, refined), strict=True)
+    return [predicted[lead_rows(window.run) :] for window, predicted in predictions]
 
 
 def _head_states(model: Model, batch: Sequence[Segment], rows: int) -> Array:
@@ -436,10 +449,11 @@ def _head_states(model: Model, batch: Sequence[Segment], rows: int) -> Array:
 
 
 def _batches(stretches: Sequence[Segment]) -> list[list[int]]:
-    """Group the indices of segments into batches of equal length and kind of stamps."""
-    batches: dict[tuple[int, bool, bool, str], list[int]] = {}
+    """Group the indices of segments into batches of equal length, lead and kind of stamps."""
+    batches: dict[tuple[int, int, bool, bool, str], list[int]] = {}
     for i, segment in enumerate(stretches):
-        key = (len(segment.knobs), segment.durations is None, segment.run.before is None, segment.run.hold)
+        run = segment.run
+        key = (len(segment.knobs), lead_rows(run), run.durations is None, run.before is None, run.hold)
         batches.setdefault(key, []).append(i)
     return list(batches.values())
 

@@ -21,8 +21,9 @@ SEGMENT_S = 2.5
 #: Start of a recording in motion that is not fitted [s], and its largest share of the recording: unknown
 #: commands from before still act there. Delays and lags of labyrinth actuators are 0.05 to 0.15 s.
 SETTLING_S, SETTLING = 0.5, 0.1
-#: Rows from which the start state of a window is estimated.
-LEAD_ROWS = 4
+#: Fewest rows from which the start state of a window is estimated, and their duration [s]: four rows of a
+#: camera of 30 Hz. From four rows of a faster camera the velocity would be less certain, not more.
+LEAD_ROWS, LEAD_S = 4, 4.0 / 30.0
 #: Most rows of the polynomial for the initial guess of a start state.
 _GUESS_ROWS = 6
 
@@ -190,6 +191,13 @@ def row_seconds(recording: Recording, substeps: float) -> float:
 def rows_of(seconds: float, step_s: float) -> int:
     """Return the number of rows of a window of this length [s]."""
     return max(1, round(seconds / step_s))
+
+
+def lead_rows(recording: Recording) -> int:
+    """Return the number of rows from which the start state of a window is estimated."""
+    if recording.durations is None:
+        return LEAD_ROWS
+    return max(LEAD_ROWS, round(LEAD_S / float(np.median(recording.durations))))
 
 
 def check_length(seconds: float) -> None:

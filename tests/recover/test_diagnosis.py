@@ -27,8 +27,9 @@ REBOUNDS = (-0.35, 0.35, -0.25, 0.25, -0.15, 0.15)
 def hidden(*effects, engine="rolling", runs=5, rows=90, seed=3, size=1.0, limit=None, board=None, each=None):
     """Return a rig whose recordings have these effects, one of `each` besides, and commands of that size.
 
-    With a limit the commands are always at one of its signs.
+    With a limit the commands are always at one of its signs, and rows have stamps.
     """
+    stamps = None if limit is None else np.arange(rows) * TRUTH[3] / 240.0
     rig = Rig(Path("rig"), board or Board(), Marble(), "rest", dict(RANGES), ())
     random = np.random.default_rng(seed)
     recordings = []
@@ -44,7 +45,7 @@ def hidden(*effects, engine="rolling", runs=5, rows=90, seed=3, size=1.0, limit=
             [TRUTH], knobs, rig=rig, effects=own, start=start, engine=engine, seed=[100 + index]
         )[0]
         marble = marble + NOISE * random.standard_normal(marble.shape)
-        recordings.append(Recording(f"run-{index}", Path(f"run-{index}.csv"), knobs, marble))
+        recordings.append(Recording(f"run-{index}", Path(f"run-{index}.csv"), knobs, marble, stamps=stamps))
     return replace(rig, recordings=tuple(recordings))
 
 

@@ -219,6 +219,29 @@ class TestWindows:
         assert (run.windowed.rows, run.windowed.lost) == (29, 3)
         assert run.windowed.max < 1e-5
 
+    @pytest.mark.parametrize(("rate_hz", "lead"), [(10, 4), (30, 4), (60, 8), (120, 16)])
+    def test_of_a_faster_camera_begin_after_as_much_time_as_at_thirty_hertz(self, rate_hz, lead) -> None:
+        stamps = np.arange(2 * rate_hz) / rate_hz
+        knobs = 0.05 * np.stack([np.sin(3.0 * stamps), np.cos(2.0 * stamps)], axis=1)
+        run = record(knobs, MOVING, stamps)
+        (found,) = evaluate(model(), [run], window_s=1.0).runs
+        np.testing.assert_array_equal(found.window_rows, [lead])
+        assert found.windowed is not None
+        assert found.windowed.rows == rate_hz
+        assert found.windowed.max < 1e-5
+
+    def test_of_a_faster_camera_err_less_by_its_noise(self) -> None:
+        """The velocity at a window's start is no less certain for more rows a second."""
+        errors = []
+        for rate_hz in (30, 120):
+            stamps = np.arange(8 * rate_hz) / rate_hz
+            knobs = 0.02 * np.stack([np.sin(3.0 * stamps), np.cos(2.0 * stamps)], axis=1)
+            run = record(knobs, stamps=stamps)
+            marble = run.marble + np.random.default_rng(3).normal(0.0, 1e-3, run.marble.shape)
+            noisy = Recording("run", run.path, knobs, marble, stamps)
+            errors.append(windowed_error(model(), noisy, 1.0))
+        assert errors[1] < errors[0]
+
     def test_too_long_for_a_recording(self, wave) -> None:
         short, long = record(wave[:12], name="short"), record(wave, name="long")
         result = evaluate(model(), [short, long], window_s=1.0)

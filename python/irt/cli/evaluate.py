@@ -27,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         type=positive,
         default=2.0,
-        help="length of a window; its start state is estimated from the four rows before it (default: 2)",
+        help="length of a window; its start state is estimated from the rows before it: four, or with stamps "
+        "those of 0.13 s if these are more (default: 2)",
     )
     parser.add_argument(
         "--out",

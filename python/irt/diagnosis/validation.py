@@ -176,12 +176,12 @@ class Validation:
     def is_better(self, one: Scored, than: Scored) -> bool:
         """Whether the held-out recordings agree that a set predicts better than another.
 
-        A paired t-test of the errors over the recordings, in complete runs or in windows of
+        A paired t-test of the logarithms of the errors over the recordings, in complete runs or in windows of
         `config.HORIZON_S`: a random push makes free runs differ by more than any two sets do.
         """
         here, other = self.of(one), self.of(than)
         return here.is_proof and (
-            self.runs_agree(one, than) or agree(other.windowed_errors - here.windowed_errors)
+            self.runs_agree(one, than) or agree(np.log(other.windowed_errors / here.windowed_errors))
         )
 
     def windows_agree(self, one: Scored, than: Scored) -> bool:
@@ -194,8 +194,11 @@ class Validation:
         return len(known) > 1 and agree(known)
 
     def runs_agree(self, one: Scored, than: Scored) -> bool:
-        """Whether complete held-out recordings agree that a set predicts better than another."""
-        return agree(self.of(than).errors - self.of(one).errors)
+        """Whether complete held-out recordings agree that a set predicts better than another.
+
+        Errors grow with the drive and with the length, so it is by their ratios that recordings agree.
+        """
+        return agree(np.log(self.of(than).errors / self.of(one).errors))
 
     def is_likelier(self, one: Scored, than: Scored) -> bool:
         """Whether held-out recordings are certainly likelier with a set than with another, and agree on it.

@@ -1,10 +1,11 @@
 """A held-out recording does not influence the fit that predicts it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from irt.diagnosis.score import Scores
@@ -133,6 +134,38 @@ def test_a_set_is_better_where_the_recordings_agree(plant):
     assert not validation.is_better(one, one)
     alone = fitted(plant([DRAG], runs=1, rows=60, stamped=True))
     assert not validation.is_better(alone, Scores(alone.dataset).base())
+
+
+@pytest.fixture
+def agreed(monkeypatch):
+    """Whether recordings with these errors agree that the first predicts better."""
+
+    def agreed(errors, of_other):
+        held = {"one": SimpleNamespace(errors=np.array(errors)), "other": SimpleNamespace(errors=of_other)}
+        monkeypatch.setattr(Validation, "of", lambda _, name: held[name])
+        return Validation().runs_agree("one", "other")
+
+    return agreed
+
+
+def test_recordings_of_unequal_drives_agree_by_the_ratios_of_their_errors(agreed):
+    """All errors are several times smaller, but the differences vary by more than their mean."""
+    assert agreed([0.0015, 0.0013, 0.0009, 0.0093, 0.0012], np.array([0.028, 0.012, 0.009, 0.088, 0.004]))
+    assert not agreed([0.0015, 0.0013, 0.0009], np.array([0.0013, 0.0015, 0.0009]))
+
+
+@given(
+    errors=st.lists(st.floats(1e-3, 1e-1), min_size=3, max_size=8),
+    ratio=st.floats(1.1, 2.0),
+    seed=st.integers(0, 1000),
+)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_how_large_the_errors_of_a_recording_are_decides_nothing(agreed, errors, ratio, seed):
+    random = np.random.default_rng(seed)
+    less, more = np.array(errors), ratio * np.array(errors) * np.exp(random.normal(0.0, 0.3, len(errors)))
+    drives = np.exp(random.normal(0.0, 2.0, len(errors)))
+    assert agreed(less, more) == agreed(drives * less, drives * more)
+    assert not (agreed(less, more) and agreed(more, less))
 
 
 @pytest.mark.slow
