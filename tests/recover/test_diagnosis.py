@@ -10,6 +10,7 @@ import irt
 from irt.diagnosis import config
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.score import Scores
+from irt.diagnosis.selection import Selection
 from irt.diagnosis.terms import AT_RIM
 from irt.dimensions import Commands
 from irt.recording import CMD, Recording
@@ -176,6 +177,17 @@ def test_inertial_forces_of_a_turning_board_are_modelled_and_not_named(gear_y_by
     assert "inertial forces of the turning board" in found.summary
     assert any("the turning board throws the marble" in note for note in found.notes)
     assert found.final_heldout_mae < 3.0 * FLOOR
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("turns", [True, False])
+def test_inertial_forces_are_added_to_a_set_where_they_act(turns):
+    inertia = [{"name": "inertial_forces", "rate_per_s": 60.0}] if turns else []
+    scores = Scores(Dataset.of(hidden(*inertia, runs=3, limit=0.12), seed=0, threads=1))
+    selection, base = Selection(scores, (), lambda _: None), scores.base()
+    found = selection.with_inertia(base)
+    assert found.effects == (("inertial_forces",) if turns else ())
+    assert found.score >= base.score
 
 
 @pytest.mark.slow

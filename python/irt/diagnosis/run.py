@@ -80,6 +80,7 @@ def _diagnosed(dataset: Dataset, report: Callable[[str], None]) -> Diagnosis:
         kept, immaterial = relevance.kept(relevance.freed(best))
         learned = _learned(relevance, corrections, kept, best)
     if learned is not None:
+        learned = Selection(Scores.of(learned), (), report).with_inertia(learned)
         relevance = Relevance(selection, posterior.beside(learned))
         kept, more = relevance.kept(relevance.freed(learned))
         immaterial |= more

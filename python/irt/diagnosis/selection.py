@@ -12,7 +12,7 @@ import numpy as np
 
 from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, ON_AVERAGE, SMOOTHED
+from irt.diagnosis.hypotheses import ALIKE, INERTIA, JITTER, MAP, ON_AVERAGE, SMOOTHED
 from irt.diagnosis.maxima import as_expected, from_draws, promising, without_pull
 from irt.diagnosis.score import PULL, PUSH, Array, Scored, Scores, quiet
 from irt.diagnosis.screening import Promise, Screening, child, place_of
@@ -188,6 +188,13 @@ class Selection:
         if not laws or self.scores.rebounds(parent) < config.SURE:
             return None
         return self._if_better(self._best_child(parent, laws, len(laws), parent.score), parent, None)
+
+    def with_inertia(self, one: Scored) -> Scored:
+        """Return a set, with inertial forces of the turning board in addition if it is better then."""
+        if INERTIA in one.effects:
+            return one
+        found = self._best_child(one, [INERTIA], 1, one.score)
+        return self._if_better(found, one, one) or one
 
     def _mapped(self, parent: Scored) -> Scored | None:
         """Return the set with an additional slope map, if it is better."""
