@@ -26,6 +26,8 @@ LIVELY = (0.09, 0.1, 3e-4, 20.0, 1.0)
 STICKY = (0.02, 0.02, 8e-4, 20.0, 1.0)
 #: How far from neutral towards the end of its range an effect is drawn: the least that shows, in board edges.
 PARTS, SHOWS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0), 0.06
+#: The effect that does not show under the paper's drive.
+JUMPING = "inertial_forces"
 OPENING = """\
 # Physical effects
 
@@ -35,7 +37,7 @@ data. A range is where a search looks. At its neutral values an effect changes n
 parameters stay neutral in every fit that does not name them. The diagnosis does not try effects marked "not a
 hypothesis", except `slope_map`, as a last resort, and `inertial_forces`, which it never names. The pictures
 show the paper's drive, 100 rows of 20 physics updates each: grey without the effect, blue with it, at the
-values given below.
+values given below. That of `inertial_forces`, which need faster commands, shows jumps between two limits.
 
 ```python
 irt.rollouts(parameters, irt.paper_drive(), effects=[{"name": "lag", "time_constant_s": 0.3}])
@@ -52,11 +54,14 @@ def example(effect: EffectInfo) -> tuple[dict[str, float], Array, Array]:
     """
     values: dict[str, float] = {}
     base = changed = np.zeros((100, 2))
-    for parameters in (GENTLE, LIVELY, STICKY):
-        base = rollouts([parameters], paper_drive())[0]
+    jumps = effect.name == JUMPING
+    commands, start = (jumping_drive(), (0.25, 0.15)) if jumps else (paper_drive(), (0.0, 0.0))
+    for parameters in (LIVELY,) if jumps else (GENTLE, LIVELY, STICKY):
+        base = rollouts([parameters], commands, start=start)[0]
         for part in PARTS:
             values = {one.name: _value(one, part) for one in effect.required}
-            changed = rollouts([parameters], paper_drive(), effects=[{"name": effect.name, **values}])[0]
+            acting = [{"name": effect.name, **values}]
+            changed = rollouts([parameters], commands, effects=acting, start=start)[0]
             if np.abs(changed - base).max() > SHOWS:
                 return values, base, changed
     if _is_of_tilt(effect, values):
@@ -64,6 +69,11 @@ def example(effect: EffectInfo) -> tuple[dict[str, float], Array, Array]:
         base = rollouts([GENTLE], paper_drive(), tilt=True)[1][0]
         changed = rollouts([GENTLE], paper_drive(), effects=measured, tilt=True)[1][0]
     return values, base, changed
+
+
+def jumping_drive() -> Array:
+    """Return commands (100, 2) [rad] that jump between limits and keep the marble near its place."""
+    return np.asarray(0.15 * np.sign(np.cos(2.0 * np.pi * (np.arange(100)[:, None] + 0.5) / [8.0, 12.0])))
 
 
 def _is_of_tilt(effect: EffectInfo, values: dict[str, float]) -> bool:
