@@ -343,7 +343,8 @@ def _windows(model: Model, recording: Recording, window_s: float) -> list[Segmen
         if recording.seen[head].sum() < 0.75 * lead or not recording.seen[head.stop : end].any():
             first += 1
             continue
-        found.append(segment_of(recording, slice(first, end), guess(recording, head, step, 1)))
+        window = segment_of(recording, slice(first, end), guess(recording, head, step, 1))
+        found.append(replace(window, lead=lead))
         first += rows
     return found
 
@@ -359,8 +360,7 @@ def _windowed(
     )
     joined, firsts = [], []
     for recording, of_one in zip(recordings, windows, strict=True):
-        lead = lead_rows(recording)
-        rows = np.array([window.first_row + lead for window in of_one], dtype=np.int64)
+        rows = np.array([window.first_row + window.lead for window in of_one], dtype=np.int64)
         together = np.full_like(recording.marble, np.nan)
         for first in rows:
             own = next(predicted)
@@ -404,7 +404,7 @@ def _predict_with_lean(model: Model, windows: Sequence[Segment]) -> list[Array]:
         prior = np.eye(2) / _lean_size(model) ** 2
         lean = np.linalg.solve(information / variance + prior, pull / variance) if squares else np.zeros(2)
         predicted.append(plain[i] + slope @ lean)
-        error = window.observed[lead_rows(window.run) :] - plain[i]
+        error = window.observed[window.lead :] - plain[i]
         known = np.isfinite(error[:, 0])
         if known.any():
             information = information + np.einsum("nai,naj->ij", slope[known], slope[known]) / known.sum()
@@ -435,10 +435,10 @@ def _predict_windows(model: Model, windows: Sequence[Segment]) -> list[Array]:
     refined = list(windows)
     for indices in _batches(windows):
         heads = [windows[i] for i in indices]
-        for i, state in zip(indices, _head_states(model, heads, lead_rows(heads[0].run)), strict=True):
+        for i, state in zip(indices, _head_states(model, heads, heads[0].lead), strict=True):
             refined[i] = replace(windows[i], start=state[:2], start_velocity=state[2:])
     predictions = zip(windows, predict(model, refined), strict=True)
-    return [predicted[lead_rows(window.run) :] for window, predicted in predictions]
+    return [predicted[window.lead :] for window, predicted in predictions]
 
 
 def _head_states(model: Model, batch: Sequence[Segment], rows: int) -> Array:
@@ -452,8 +452,8 @@ def _batches(stretches: Sequence[Segment]) -> list[list[int]]:
     """Group the indices of segments into batches of equal length, lead and kind of stamps."""
     batches: dict[tuple[int, int, bool, bool, str], list[int]] = {}
     for i, segment in enumerate(stretches):
-        run = segment.run
-        key = (len(segment.knobs), lead_rows(run), run.durations is None, run.before is None, run.hold)
+        stamped, begun = segment.durations is not None, segment.run.before is not None
+        key = (len(segment.knobs), segment.lead, stamped, begun, segment.run.hold)
         batches.setdefault(key, []).append(i)
     return list(batches.values())
 

@@ -42,12 +42,15 @@ class Segment:
         Position at the first row [board edges].
     start_velocity : (2,) array
         Velocity at the first row [board edges per second of simulated time].
+    lead : int
+        Number of first rows from which the start state is estimated, and which are not predicted.
     """
 
     run: Recording
     rows: slice
     start: Array
     start_velocity: Array
+    lead: int = 0
 
     @property
     def recording(self) -> str:
