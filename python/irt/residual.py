@@ -24,10 +24,10 @@ from irt.segments import (
     check_length,
     guess,
     inputs_of,
-    lead_rows,
     row_seconds,
     rows_of,
     segment_of,
+    windows_of,
 )
 from irt.start_state import estimate_start_states, simulate, simulate_tilt
 
@@ -330,30 +330,12 @@ def _free_run(model: Model, recording: Recording) -> Array:
     return predict(model, [segment_of(recording, slice(0, rows), state)])[0]
 
 
-def _windows(model: Model, recording: Recording, window_s: float) -> list[Segment]:
-    """Return the windows of a recording, each preceded by the rows of its start state."""
-    step = row_seconds(recording, _substeps(model))
-    if step == 0.0:
-        return []
-    rows, lead = rows_of(window_s, step), lead_rows(recording)
-    found = []
-    first = 0
-    while (end := first + lead + rows) <= len(recording.knobs):
-        head = slice(first, first + lead)
-        if recording.seen[head].sum() < 0.75 * lead or not recording.seen[head.stop : end].any():
-            first += 1
-            continue
-        window = segment_of(recording, slice(first, end), guess(recording, head, step, 1))
-        found.append(replace(window, lead=lead))
-        first += rows
-    return found
-
-
 def _windowed(
     model: Model, recordings: Sequence[Recording], window_s: float
 ) -> tuple[list[Array], list[NDArray[np.int64]]]:
     """Return predictions in windows by recording, (n, 2), NaN outside, and the windows' first rows."""
-    windows = [_windows(model, recording, window_s) for recording in recordings]
+    step = _substeps(model)
+    windows = [windows_of(one, row_seconds(one, step), window_s) for one in recordings]
     flat = [window for of_one in windows for window in of_one]
     predicted = iter(
         _predict_with_lean(model, flat) if flat and _lean_size(model) > 0.0 else _predict_windows(model, flat)

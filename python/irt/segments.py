@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,6 +133,34 @@ def segments(rig: Rig, seconds: float | None = None, *, whole: bool = False) -> 
                 found.append(segment_of(recording, stretch, guess(recording, stretch, step, 2)))
             elif recording.tilt is not None and np.isfinite(recording.tilt[stretch]).any():
                 found.append(segment_of(recording, stretch, np.zeros(4)))
+    return found
+
+
+def windows_of(recording: Recording, step_s: float, window_s: float) -> list[Segment]:
+    """Return the windows of a recording, each preceded by the rows of its start state.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    step_s : float
+        Duration of a row [s]; without a duration there are no windows.
+    window_s : float
+        Length of a window [s].
+    """
+    if step_s == 0.0:
+        return []
+    rows, lead = rows_of(window_s, step_s), lead_rows(recording)
+    found = []
+    first = 0
+    while (end := first + lead + rows) <= len(recording.knobs):
+        head = slice(first, first + lead)
+        if recording.seen[head].sum() < 0.75 * lead or not recording.seen[head.stop : end].any():
+            first += 1
+            continue
+        window = segment_of(recording, slice(first, end), guess(recording, head, step_s, 1))
+        found.append(replace(window, lead=lead))
+        first += rows
     return found
 
 
