@@ -150,7 +150,9 @@ def windows_of(recording: Recording, step_s: float, window_s: float) -> list[Seg
     """
     if step_s == 0.0:
         return []
-    rows, lead = rows_of(window_s, step_s), lead_rows(recording)
+    rows, lead = rows_of(window_s, step_s), LEAD_ROWS
+    if recording.durations is not None:
+        lead = max(LEAD_ROWS, round(LEAD_S / step_s))
     found = []
     first = 0
     while (end := first + lead + rows) <= len(recording.knobs):
@@ -222,13 +224,6 @@ def row_seconds(recording: Recording, substeps: float) -> float:
 def rows_of(seconds: float, step_s: float) -> int:
     """Return the number of rows of a window of this length [s]."""
     return max(1, round(seconds / step_s))
-
-
-def lead_rows(recording: Recording) -> int:
-    """Return the number of rows from which the start state of a window is estimated."""
-    if recording.durations is None:
-        return LEAD_ROWS
-    return max(LEAD_ROWS, round(LEAD_S / float(np.median(recording.durations))))
 
 
 def check_length(seconds: float) -> None:

@@ -85,7 +85,7 @@ impl<S: Simd> Effect<S> for InertialForces<S> {
     #[inline(always)]
     fn act(&mut self, marbles: &Marbles<S>, push: &mut Push<S>) {
         let [about_x, about_y] = self.velocity;
-        // ω × (r × ω), in the plane, along the vector (-y, x) that is turned from x and y.
+        // r × ω is vertical, and ω × (r × ω) in the board's plane, across ω.
         let along = (marbles.x * about_y - marbles.y * about_x) * push.length;
         push.x = push.x + along * about_y - self.arm * self.change[1];
         push.y = push.y - along * about_x + self.arm * self.change[0];
