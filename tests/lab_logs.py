@@ -27,7 +27,8 @@ BEGIN = 1_700_000_000.0
 class Truth:
     """One run in the board's own frame; tilt by the right-hand rule.
 
-    ``gear`` (2, 2) is in rad per unit of command: tilt_x, tilt_y by command 1, 2.
+    ``gear`` (2, 2) is in rad per unit of command: tilt_x, tilt_y by command 1, 2. Of motors that friction
+    holds it is in rad/s per unit beyond ``dead``, and ``lag`` is of the speed. ``level`` is the tilt's zero.
     """
 
     stamps: np.ndarray
@@ -38,6 +39,8 @@ class Truth:
     gear: np.ndarray
     delay: float
     lag: float
+    dead: float
+    level: np.ndarray
     held: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     jumped: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
@@ -95,12 +98,14 @@ def simulate(
     jitter: float = 0.001,
     spoil: bool = True,
     by_rows: bool = False,
+    motors: bool = False,
 ) -> Truth:
     """Simulate a run: commands in steps, a chain of gear, dead time and lag, a marble, a camera with noise.
 
     Commands are of the order 0.03 rad x ``unit``. With ``spoil``, places of a lost marble are held, and the
     tilt jumps where a marker is hidden. With ``by_rows``, a command is issued as each state is seen, as in a
-    loop that logs one row a turn; else they are event-driven.
+    loop that logs one row a turn; else they are event-driven. With ``motors``, commands are currents of
+    motors that friction holds: they set the tilt's rate, in a closed loop, and are of the order ``unit``.
     """
     board = board or Board(wall_restitution=0.3)
     stamps = np.arange(0.0, seconds, 1.0 / rate)
@@ -118,12 +123,19 @@ def simulate(
     fine = np.arange(-0.5, seconds + 0.1, 1.0 / FINE)
     # A command counts from the next fine step on, half a step late on average.
     since = fine - delay + 0.5 / FINE
-    asked = (commands @ gear.T)[np.clip(np.searchsorted(command_stamps, since, "right") - 1, 0, None)]
-    tilt = np.empty_like(asked)
-    tilt[0] = asked[0]
+    sent = np.clip(np.searchsorted(command_stamps, since, "right") - 1, 0, None)
     decay = np.exp(-1.0 / (FINE * lag))
-    for row in range(1, len(fine)):
-        tilt[row] = asked[row - 1] + (tilt[row - 1] - asked[row - 1]) * decay
+    dead = 0.0
+    if motors:
+        dead, gear = 0.2 * unit, 0.8 * gear / np.abs(gear).max() / unit
+        wanted = 0.03 * waves
+        commands, tilt = _driven(wanted, gear, dead, decay, sent)
+    else:
+        asked = (commands @ gear.T)[sent]
+        tilt = np.empty_like(asked)
+        tilt[0] = asked[0]
+        for row in range(1, len(fine)):
+            tilt[row] = asked[row - 1] + (tilt[row - 1] - asked[row - 1]) * decay
     level = rng.uniform(-0.01, 0.01, 2)
     rig = SimpleNamespace(board=board, marble=Marble(radius_m=0.006, mass_kg=0.007))
     places = rollouts(
@@ -148,7 +160,30 @@ def simulate(
             if not jumped[first - 60 : first + 60].any():
                 seen[rows] += rng.uniform(0.1, 0.2) * rng.choice([-1.0, 1.0])
                 jumped[rows] = True
-    return Truth(stamps, marble, seen, command_stamps, commands, gear, delay, lag, held, jumped)
+    return Truth(stamps, marble, seen, command_stamps, commands, gear, delay, lag, dead, level, held, jumped)
+
+
+def _driven(
+    wanted: np.ndarray, gear: np.ndarray, dead: float, decay: float, sent: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return currents (m, 2) of a loop that seeks a wanted tilt (m, 2) [rad], and the tilt (n, 2).
+
+    ``sent`` is which current acts in each fine step, ``decay`` what one leaves of a difference of speed.
+    """
+    commands, inverse = np.zeros_like(wanted), np.linalg.inv(gear)
+    tilt, speed = np.zeros((len(sent), 2)), np.zeros(2)
+    last = -1
+    for row in range(1, len(sent)):
+        # Each command is of the tilt when it begins to act: the phase of this loop does not matter.
+        while last < sent[row]:
+            last += 1
+            rolling = inverse @ (4.0 * (wanted[last] - tilt[row - 1]))
+            commands[last] = rolling + dead * np.sign(rolling)
+        current = commands[sent[row]]
+        asked = gear @ (current - np.clip(current, -dead, dead))
+        speed = asked + (speed - asked) * decay
+        tilt[row] = np.clip(tilt[row - 1] + speed / FINE, -0.14, 0.14)
+    return commands, tilt
 
 
 def write_bag(

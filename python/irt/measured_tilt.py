@@ -39,14 +39,17 @@ def has_both_tilts(recording: Recording) -> bool:
 def play_tilt(recording: Recording, zero: Array, gain: Array) -> Recording:
     """Return a recording whose commands are its measured tilt minus (2,) zeros, divided by (2,) gains [rad].
 
-    The commands are interpolated linearly between rows, and across rows without a measured tilt.
+    The tilt is interpolated linearly between rows, and across rows without a measurement. A command holds over
+    its row and is the mean over it: the tilt at its beginning would come half a row late.
     """
     assert recording.tilt is not None, recording.name
     rows = np.arange(len(recording.tilt))
     columns = [np.interp(rows, rows[np.isfinite(tilt)], tilt[np.isfinite(tilt)]) for tilt in recording.tilt.T]
+    tilt = np.stack(columns, axis=1)
+    over_rows = 0.5 * (tilt + np.concatenate([tilt[1:], tilt[-1:]]))
     return replace(
         recording,
-        knobs=(np.stack(columns, axis=1) - zero) / gain,
+        knobs=(over_rows - zero) / gain,
         tilt=None,
         hold="first",
         before=None,

@@ -6,6 +6,7 @@ import pickle
 import re
 import shlex
 import shutil
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import pytest
 
 import lab_logs
 from irt.cli.demo import data
+from irt.model import load_model
 from irt.recording import load_recording, save_recording
 from irt.rig import Board, load_rig
 from lab_logs import Convention, Truth, simulate, write_bag, write_csv
@@ -180,7 +182,8 @@ def test_a_cyberrunner_without_ros(tmp_path: Path, truth: Truth, irt: Callable[.
     assert np.array_equal(first.knobs[:-1], moved[begin : begin + len(first.knobs) - 1])
 
 
-def test_a_replay(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None:
+def replay(truth: Truth) -> dict[str, np.ndarray]:
+    """Return a CyberRunner's replay of one episode."""
     states = np.column_stack(
         [
             -truth.tilt[:, 1] / np.deg2rad(10.0),
@@ -189,14 +192,72 @@ def test_a_replay(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None
             truth.marble_m[:, 1] / 0.231 + 0.5,
         ]
     )
-    np.savez(tmp_path / "replay.npz", states=states, action=truth.commands, is_first=np.zeros(len(states)))
+    return {"states": states, "action": truth.commands, "is_first": np.zeros(len(states))}
+
+
+def test_a_replay(tmp_path: Path, irt: Callable[..., Any]) -> None:
+    truth = simulate(np.random.default_rng(3), seconds=25.0, rate=50.0, by_rows=True)
+    np.savez(tmp_path / "replay.npz", **replay(truth))  # type: ignore[arg-type]
     done = irt("import", tmp_path / "replay.npz", "--out", tmp_path / "rig")
     assert done.status == 0, done.err
     assert "a replay has no stamps: rows are assumed to be 1/55 s apart" in done.out
-    assert "rows 0.018" in done.out
+    found = re.search(r"rows ([0-9.]+) s apart would make it 5/7 g", done.out)
+    assert found
+    assert float(found[1]) == pytest.approx(0.02, rel=0.02)
     assert 'tilt "-alpha" moves x by +' in done.out
     (recording,) = load_rig(tmp_path / "rig").recordings
     assert recording.stamps is None
+
+
+@pytest.fixture(scope="module")
+def currents() -> Truth:
+    """A CyberRunner whose motors turn the board at a rate that their currents set."""
+    return simulate(np.random.default_rng(1), seconds=40.0, by_rows=True, motors=True, spoil=False)
+
+
+def test_currents_that_set_rates(tmp_path: Path, currents: Truth, irt: Callable[..., Any]) -> None:
+    np.savez(tmp_path / "replay.npz", **replay(currents))  # type: ignore[arg-type]
+    done = irt("import", tmp_path / "replay.npz", "--out", tmp_path / "rig")
+    assert done.status == 0, done.err
+    assert 'command "action_2" turns tilt_x at -0.7' in done.out
+    assert 'command "action_1" turns tilt_y at +0.' in done.out
+    assert "the measured tilt is" in done.out
+    assert "clocks differ" not in done.out
+    rig = load_rig(tmp_path / "rig")
+    assert rig.commands.unit == "rad"
+    (recording,) = rig.recordings
+    assert recording.tilt is None
+    over_rows = 0.5 * (currents.tilt[:-1] + currents.tilt[1:])
+    zero = np.mean(over_rows - recording.knobs[:-1], axis=0)
+    assert recording.knobs[:-1] == pytest.approx(over_rows - zero, abs=1e-9)
+    assert zero == pytest.approx(currents.level, abs=0.001)
+
+    # A unit of current is -1/200 of an action, and a negative current about x turns the board up.
+    motors = tomllib.loads((tmp_path / "rig" / "twin.toml").read_text())["twin"]
+    gains = np.array([currents.gear[0, 1], -currents.gear[1, 0]]) / 200.0
+    assert motors["current_rad_s"] == pytest.approx(gains.tolist(), rel=0.2)
+    assert motors["current_dead"] == pytest.approx([200.0 * currents.dead] * 2, rel=0.2)
+
+    fitted = irt("tune", tmp_path / "rig", "--out", tmp_path / "tuned")
+    assert fitted.status == 0, fitted.err
+    model = load_model(tmp_path / "tuned" / "model.toml")
+    # Without stamps only ratios are known.
+    ratio = model.parameters["gear_x"].value / model.parameters["gear_y"].value
+    assert ratio == pytest.approx(1.0, abs=0.02)
+
+
+def test_rates_go_to_no_rig_in_another_unit(
+    tmp_path: Path, truth: Truth, currents: Truth, irt: Callable[..., Any]
+) -> None:
+    for name, one in (("angles", truth), ("currents", currents)):
+        np.savez(tmp_path / f"{name}.npz", **replay(one))  # type: ignore[arg-type]
+    assert irt("import", tmp_path / "angles.npz", "--out", tmp_path / "rig").status == 0
+    before = sorted((tmp_path / "rig").iterdir())
+    failed = irt("import", tmp_path / "currents.npz", "--out", tmp_path / "rig")
+    assert failed.status == 1
+    assert "commands of this rig are in action" in failed.err
+    assert "are rates, for which the measured tilt is written [rad]; import into another folder" in failed.err
+    assert sorted((tmp_path / "rig").iterdir()) == before
 
 
 def test_tilt_alone(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None:

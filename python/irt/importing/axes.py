@@ -63,6 +63,11 @@ def declared() -> Axes:
     return Axes((0, 1), (1.0, 1.0), unknown, unknown, ("undecided", "undecided"), np.zeros(2))
 
 
+def direct() -> Axes:
+    """Return the axes of commands that are the tilt itself [rad]."""
+    return Axes((0, 1), (1.0, 1.0), np.ones(2), np.zeros(2), ("surely", "surely"), np.zeros(2))
+
+
 def tilt_axes(found: Map | None) -> Axes:
     """Assign the tilt columns, from the acceleration of the marble (rows x, y) by tilt.
 
@@ -110,6 +115,22 @@ def command_axes(found: Map | None, tilt: Axes, *, by_marble: bool) -> Axes:
 def is_matrix(axes: Axes, found: Map | None) -> bool:
     """Return whether each command moves both axes."""
     return found is not None and bool((axes.mixed > _MIXED).any())
+
+
+def tilt_zero(found: Map | None, axes: Axes) -> tuple[Array, Array]:
+    """Return the measured tilt at which nothing accelerates the marble, (2,) [rad], and its standard error.
+
+    About x and y; 0 with an infinite error where it is undecided.
+    """
+    zero, error = np.zeros(2), np.full(2, np.inf)
+    if found is None:
+        return zero, error
+    for axis, row in enumerate((1, 0)):
+        if axes.sure[axis] != "undecided" and np.isfinite(found.constant_error[row]):
+            gain = axes.signs[axis] * axes.gains[axis]
+            zero[axis] = -found.constant[row] / gain
+            error[axis] = abs(found.constant_error[row] / gain)
+    return zero, error
 
 
 def gain_ratio(axes: Axes) -> float:

@@ -28,10 +28,10 @@ ROLLING_GAIN = 5.0 / 7.0 * 9.81
 DECIDED, SURE = 5.0, 10.0
 
 #: Largest offset between clocks in the search [s], and largest dead time [s].
-_MOST_OFFSET_S = 0.6
-_MOST_DELAY_S = 1.0
+MOST_OFFSET_S = 0.6
+MOST_DELAY_S = 1.0
 #: Step of the coarse grid of delays [s]: less than the lag of any servo.
-_GRID_S = 0.02
+GRID_S = 0.02
 #: Coarse grid of lags of an actuator [s].
 _LAGS = (0.0, 0.03, 0.07, 0.15, 0.3)
 #: Maximum number of fitted rows, and of those on the coarse grid.
@@ -85,7 +85,7 @@ def tilt_to_marble(runs: Sequence[Run], edges: tuple[float, float], *, search: b
         if np.isfinite(values).any():
             noises[axis] = np.nan_to_num(noise_of(values))
             scales[axis] = np.nanstd(values)
-    delays = np.arange(-_MOST_OFFSET_S, _MOST_OFFSET_S, _GRID_S) if search else np.zeros(1)
+    delays = np.arange(-MOST_OFFSET_S, MOST_OFFSET_S, GRID_S) if search else np.zeros(1)
     return fit_windows(windows, [(0.0, regressors)], delays, noises, scales)
 
 
@@ -97,7 +97,7 @@ def commands_to_marble(runs: Sequence[Run], edges: tuple[float, float]) -> Map |
     Map or None
         None if no command changes or there is too little free motion.
     """
-    scales = _command_scales(runs)
+    scales = command_scales(runs)
     windows = Windows.of(runs, edges) if (scales > 0.0).any() else None
     if windows is None:
         return None
@@ -110,7 +110,7 @@ def commands_to_marble(runs: Sequence[Run], edges: tuple[float, float]) -> Map |
             ]
         )
 
-    delays = np.arange(-_MOST_OFFSET_S, _MOST_DELAY_S, _GRID_S)
+    delays = np.arange(-MOST_OFFSET_S, MOST_DELAY_S, GRID_S)
     families = [(lag, partial(regressors, lag)) for lag in _LAGS]
     return fit_windows(windows, families, delays, np.zeros(2), scales)
 
@@ -127,7 +127,7 @@ def commands_to_tilt(runs: Sequence[Run]) -> Map | None:
         None without tilt, or if no command changes.
     """
     usable = [run for run in runs if run.tilt is not None and run.commands.stamps.size]
-    scales = _command_scales(runs)
+    scales = command_scales(runs)
     if not usable or not (scales > 0.0).any():
         return None
     chain = _Chain(usable, scales > 0.0)
@@ -153,12 +153,12 @@ class _Chain:
         self.blocks = time_blocks(self.times)
         everything = [np.arange(len(one)) for one in self.times]
         # Rows without an earlier command are excluded, for all delays that are tried.
-        self.known = np.isfinite(self.lagged(_MOST_DELAY_S, 0.0, everything)).all(axis=1)
+        self.known = np.isfinite(self.lagged(MOST_DELAY_S, 0.0, everything)).all(axis=1)
         ends = np.cumsum([len(one) for one in self.times])[:-1]
         self.fine = [np.flatnonzero(part) for part in np.split(self.known, ends)]
         thin = max(1, int(self.known.sum()) // _COARSE_ROWS)
         self.coarse = [rows[::thin] for rows in self.fine]
-        grid = np.arange(-_MOST_OFFSET_S, _MOST_DELAY_S, _GRID_S)
+        grid = np.arange(-MOST_OFFSET_S, MOST_DELAY_S, GRID_S)
         self.grid = [(float(delay), lag) for lag in _LAGS for delay in grid]
         self.designs = [self.lagged(delay, lag, self.coarse) for delay, lag in self.grid]
 
@@ -191,11 +191,11 @@ class _Chain:
 
         def cost(point: Array) -> float:
             # Later commands than those of the search are not known in every row, of the slopes below either.
-            if point[1] < 0.0 or point[0] > _MOST_DELAY_S - _STEP_S:
+            if point[1] < 0.0 or point[0] > MOST_DELAY_S - _STEP_S:
                 return float("inf")
             return _soft_cost(self.lagged(point[0], point[1], self.fine)[use], values[use], scale)
 
-        simplex = [start, (start[0] + 0.5 * _GRID_S, start[1]), (start[0], start[1] + 0.75 * _GRID_S)]
+        simplex = [start, (start[0] + 0.5 * GRID_S, start[1]), (start[0], start[1] + 0.75 * GRID_S)]
         options = {"initial_simplex": simplex, "xatol": 2e-4, "fatol": 1e-9, "maxfev": 150}
         delay, lag = minimize(cost, start, method="Nelder-Mead", options=options).x.tolist()
         design = np.column_stack([self.lagged(delay, lag, self.fine)[use], np.ones(use.sum())])
@@ -249,7 +249,7 @@ def _interpolated(times: Array, stamps: Array, values: Array) -> Array:
     return np.column_stack(columns)
 
 
-def _command_scales(runs: Sequence[Run]) -> Array:
+def command_scales(runs: Sequence[Run]) -> Array:
     """Return the standard deviation of each command during the runs, (2,); 0 if it never changes."""
     values = np.concatenate([run.commands.lagged(run.stamps, 0.0) for run in runs])
     values = values[np.isfinite(values).all(axis=1)]

@@ -25,6 +25,8 @@ class Lab:
         Unit of the commands.
     rate : float
         Nominal rate of the states, for logs without stamps [Hz].
+    current : float or None
+        Units of a motor's current in a unit of the commands, where commands are currents.
     """
 
     name: str
@@ -33,6 +35,7 @@ class Lab:
     mapping: Mapping[str, str] = field(default_factory=dict)
     unit: str = "1"
     rate: float = 55.0
+    current: float | None = None
 
     def expressions(self, own: Mapping[str, Expression]) -> dict[str, Expression]:
         """Return the mapping with the user's expressions instead of the declared ones."""
@@ -56,6 +59,7 @@ CYBERRUNNER = Lab(
     Marble(0.00635, 0.0085),
     _STATE,
     unit="motor current, about mA",
+    current=1.0,
 )
 #: Its replay: actions of -1 to 1, each scaled by -200 units of current.
 REPLAY = Lab(
@@ -64,6 +68,7 @@ REPLAY = Lab(
     CYBERRUNNER.marble,
     {**_STATE, "cmd_x": "action_1", "cmd_y": "action_2"},
     unit="action",
+    current=-200.0,
 )
 #: A CyberRunner without ROS: alpha about x, beta about y; an action is 5 degrees of a tilt set point.
 WITHOUT_ROS = Lab(

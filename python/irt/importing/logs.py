@@ -12,12 +12,21 @@ from numpy.typing import NDArray
 from irt.cleaning import noise_of
 from irt.errors import IrtError
 from irt.files import PathLike, make_folder, read_toml, write_atomic
-from irt.importing.axes import Axes, command_axes, gain_ratio, is_matrix, tilt_axes
+from irt.importing.axes import (
+    Axes,
+    command_axes,
+    direct,
+    gain_ratio,
+    is_matrix,
+    tilt_axes,
+    tilt_zero,
+)
 from irt.importing.conventions import DECIDED, commands_to_marble, commands_to_tilt, tilt_to_marble
 from irt.importing.labs import Lab
 from irt.importing.log import Log
 from irt.importing.mapping import parse_mapping
-from irt.importing.settings import rig_toml
+from irt.importing.rates import Rates, commands_to_rates
+from irt.importing.settings import rig_toml, twin_toml
 from irt.importing.sources import (
     Kind,
     Progress,
@@ -28,11 +37,14 @@ from irt.importing.sources import (
 from irt.importing.splitting import Cleaned, Counts, Stretch, clean
 from irt.importing.units import check_places, check_tilt_gain, check_tilt_size, marble_is_swapped
 from irt.importing.weak_form import Map, Run
+from irt.measured_tilt import play_tilt
 from irt.recording import CMD, KNOBS, Recording
 from irt.rig import Board, Commands, Marble, read_dimensions, read_signals
 
 Array = NDArray[np.float64]
 
+#: Share of the tilt's variance that commands have to explain for their clock to be judged: more than half.
+_MOST_OF_IT = 0.5
 #: Offset [s], and its number of standard errors, above which the tilt has another clock than the marble.
 _OFFSET_S, _OFFSET_ERRORS = 0.004, 4.0
 
@@ -53,6 +65,9 @@ class Summary:
         Acceleration of the marble by tilt; tilt by command, or without tilt the acceleration by command.
     tilt, commands : Axes
         Assignment of the logged columns.
+    rates : Rates or None
+        How fast the commands turn the board, if they are rates. Recordings then have the measured tilt as
+        their command.
     by_marble : bool
         Whether `command_map` is of the marble's acceleration.
     swapped : bool
@@ -73,6 +88,8 @@ class Summary:
         The recordings in the package's convention.
     settings : str or None
         The text of rig.toml; None if the folder has one.
+    motors : str or None
+        The text of twin.toml; None unless the commands are currents that set rates.
     written : bool
         Whether files were written.
     """
@@ -84,6 +101,7 @@ class Summary:
     command_map: Map | None
     tilt: Axes
     commands: Axes
+    rates: Rates | None
     by_marble: bool
     swapped: bool
     matrix: bool
@@ -94,6 +112,7 @@ class Summary:
     period: float
     recordings: tuple[Recording, ...]
     settings: str | None
+    motors: str | None
     written: bool
 
 
@@ -147,12 +166,6 @@ def import_logs(
     if swapped := marble_is_swapped(logs, board):
         logs = [replace(log, marble=log.marble[:, ::-1], marble_names=log.marble_names[::-1]) for log in logs]
     for log in logs:
-        if unit is not None and (unit == "rad") != (log.columns == KNOBS):
-            raise IrtError(
-                f"{target}: commands of this rig are in {unit}, but those of {log.path} go to "
-                f"{' and '.join(log.columns)}; import into another folder, or map "
-                f"{' and '.join(KNOBS if unit == 'rad' else CMD)}"
-            )
         check_tilt_size(log)
         check_places(log, board)
     cleaned = [clean(log, home_after) for log in logs]
@@ -160,24 +173,38 @@ def import_logs(
         raise IrtError(f"{sources[0]}: no run of at least 30 rows and 1 s between gaps; record longer runs")
     report = progress or (lambda done, total, text: None)
     found = _conventions(cleaned, board, marble, report)
-    tilt_map, command_map, by_marble, offset, shift = found
-    tilt = tilt_axes(tilt_map)
+    tilt = tilt_axes(found.tilt_map)
     check_tilt_gain(cleaned[0].log, gain_ratio(tilt))
-    commands = command_axes(command_map, tilt, by_marble=by_marble)
-    matrix = is_matrix(commands, command_map)
-    placed = _Placed(tilt, commands, offset or 0.0, shift)
+    commands = command_axes(found.command_map, tilt, by_marble=found.by_marble)
+    columns = KNOBS if found.rates else cleaned[0].log.columns
+    for log in logs:
+        _check_unit(target, unit, log, columns)
+    matrix = not found.rates and is_matrix(commands, found.command_map)
+    placed = _Placed(tilt, commands, found.tilt_offset or 0.0, found.command_shift)
     recordings = _recordings(cleaned, target, placed)
     noise = _noise(recordings)
+    if found.rates:
+        recordings = [play_tilt(one, tilt_zero(found.tilt_map, tilt)[0], np.ones(2)) for one in recordings]
     period = float(np.median([one.log.period for one in cleaned]))
     settings = None
     if not (target / "rig.toml").exists():
-        first = cleaned[0].log
-        spoken = Commands("rad" if first.columns == KNOBS else lab.unit, matrix)
-        settings = rig_toml(board, marble, spoken, commands, noise, period=period, stamped=first.stamped)
+        spoken = Commands("rad" if columns == KNOBS else lab.unit, matrix)
+        settings = rig_toml(
+            board,
+            marble,
+            spoken,
+            direct() if found.rates else commands,
+            np.full(2, np.nan) if found.rates else noise,
+            period=period,
+            stamped=cleaned[0].log.stamped,
+        )
+    motors = twin_toml(found.rates, tilt, commands, lab.current) if found.rates else None
     if not dry_run:
         make_folder(target)
         if settings is not None:
             write_atomic(target / "rig.toml", settings)
+        if motors is not None:
+            write_atomic(target / "twin.toml", motors)
         for one in recordings:
             write_atomic(one.path, one.to_csv())
     counts = Counts()
@@ -187,20 +214,22 @@ def import_logs(
         lab=lab,
         logs=tuple(one.log for one in cleaned),
         counts=counts,
-        tilt_map=tilt_map,
-        command_map=command_map,
+        tilt_map=found.tilt_map,
+        command_map=found.command_map,
         tilt=tilt,
         commands=commands,
-        by_marble=by_marble,
+        rates=found.rates,
+        by_marble=found.by_marble,
         swapped=swapped,
         matrix=matrix,
-        tilt_offset=offset,
-        command_shift=shift,
+        tilt_offset=found.tilt_offset,
+        command_shift=found.command_shift,
         noise=noise,
         edge_x_m=board.edge_x_m,
         period=period,
         recordings=tuple(recordings),
         settings=settings,
+        motors=motors,
         written=not dry_run,
     )
 
@@ -235,10 +264,37 @@ def _runs(cleaned: Sequence[Cleaned], edge: float) -> list[Run]:
     ]
 
 
+def _check_unit(folder: Path, unit: str | None, log: Log, columns: tuple[str, str]) -> None:
+    """Raise `IrtError` if the commands of the rig in a folder are of another kind than those of a log."""
+    if unit is None or (unit == "rad") == (columns == KNOBS):
+        return
+    if columns != log.columns:
+        raise IrtError(
+            f"{folder}: commands of this rig are in {unit}, but those of {log.path} are rates, for which the "
+            "measured tilt is written [rad]; import into another folder"
+        )
+    raise IrtError(
+        f"{folder}: commands of this rig are in {unit}, but those of {log.path} go to "
+        f"{' and '.join(columns)}; import into another folder, or map "
+        f"{' and '.join(KNOBS if unit == 'rad' else CMD)}"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Conventions:
+    """What the data say: both maps, whether commands are rates, and both shifts of clocks [s]."""
+
+    tilt_map: Map | None
+    command_map: Map | None
+    by_marble: bool
+    rates: Rates | None
+    tilt_offset: float | None
+    command_shift: float
+
+
 def _conventions(
     cleaned: Sequence[Cleaned], board: Board, marble: Marble, report: Callable[[int, int, str], None]
-) -> tuple[Map | None, Map | None, bool, float | None, float]:
-    """Return the maps of tilt and commands, whether the latter is the marble's, and both clock shifts."""
+) -> _Conventions:
     runs = _runs(cleaned, board.edge_x_m)
     edges = (board.edge_x_m - 2.0 * marble.radius_m, board.edge_y_m - 2.0 * marble.radius_m)
     own_clock = cleaned[0].log.tilt_stamps is not None
@@ -251,6 +307,9 @@ def _conventions(
             offset = float(tilt_map.delay[0])
         runs = [replace(run, tilt_stamps=run.tilt_stamps + offset) for run in runs]
     report(1, 3, "fitting commands to tilt")
+    if rates := commands_to_rates(runs):
+        report(3, 3, "fitted")
+        return _Conventions(tilt_map, rates.map, False, rates, offset, 0.0)
     command_map = commands_to_tilt(runs)
     by_marble = False
     if command_map is None or not (np.abs(command_map.z) >= DECIDED).any():
@@ -258,20 +317,24 @@ def _conventions(
         other = commands_to_marble(runs, edges)
         if other is not None and (command_map is None or (np.abs(other.z) >= DECIDED).any()):
             command_map, by_marble = other, True
-    shift = 0.0
-    if command_map is not None:
-        sure = (np.abs(command_map.z) >= DECIDED).any(axis=1) & np.isfinite(command_map.delay)
-        if sure.any():
-            # The marble alone shows only their sum: an overestimated lag comes with an underestimated dead
-            # time.
-            late = command_map.delay + command_map.lag if by_marble else command_map.delay
-            least = float(late[sure].min())
-            error = float(np.nanmax(command_map.delay_error[sure]))
-            # No board moves before its command, so the clocks differ by at least this.
-            if least < -max(_OFFSET_S, _OFFSET_ERRORS * error):
-                shift = least
     report(3, 3, "fitted")
-    return tilt_map, command_map, by_marble, offset, shift
+    shift = _least_shift(command_map, by_marble=by_marble) if command_map is not None else 0.0
+    return _Conventions(tilt_map, command_map, by_marble, None, offset, shift)
+
+
+def _least_shift(found: Map, *, by_marble: bool) -> float:
+    """Return by how much commands have to be moved [s], because no board moves before its command."""
+    sure = (np.abs(found.z) >= DECIDED).any(axis=1) & np.isfinite(found.delay)
+    if not by_marble:
+        # Commands of a controller follow the tilt. A map that explains little may well be of that.
+        sure &= found.explained > _MOST_OF_IT
+    if not sure.any():
+        return 0.0
+    # The marble alone shows only their sum: an overestimated lag comes with an underestimated dead time.
+    late = found.delay + found.lag if by_marble else found.delay
+    least = float(late[sure].min())
+    error = float(np.nanmax(found.delay_error[sure]))
+    return least if least < -max(_OFFSET_S, _OFFSET_ERRORS * error) else 0.0
 
 
 @dataclass(frozen=True)

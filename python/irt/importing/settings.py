@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from irt.engine import SUBSTEP_S
 from irt.importing.axes import Axes
+from irt.importing.rates import Rates
 from irt.rig import Board, Commands, Marble
 
 Array = NDArray[np.float64]
@@ -70,6 +71,32 @@ def rig_toml(
     lines = [tomli_w.dumps(content), "[parameters]"]
     lines += [f"{name} = {{ range = {table['range']} }}" for name, table in parameters.items()]
     return "\n".join(lines) + "\n"
+
+
+def twin_toml(rates: Rates, tilt: Axes, commands: Axes, current: float | None) -> str | None:
+    """Return the text of twin.toml, the motors of a CyberRunner's twin; None if they are not that lab's.
+
+    Parameters
+    ----------
+    rates : Rates
+        How fast the commands turn the board.
+    tilt, commands : Axes
+        Assignment of both; in that lab the second command turns the board about x.
+    current : float or None
+        Units of current in a unit of the commands.
+    """
+    if current is None or commands.order != (1, 0) or "undecided" in commands.sure:
+        return None
+    # The twin takes the rate of the board about x for a negative current, and about y for a positive one.
+    speeds = commands.gains / current * [-1.0, 1.0]
+    dead = rates.dead[list(tilt.order)] * abs(current)
+    return (
+        "# Motors for `rig twin --as cyberrunner --config` this file, about x and y: rate of the tilt\n"
+        "# [rad/s] over the current beyond the one that friction holds.\n"
+        "[twin]\n"
+        f"current_rad_s = {[_short(one) for one in speeds]}\n"
+        f"current_dead = {[_short(one) for one in dead]}\n"
+    )
 
 
 def _gear_range(axes: Axes, axis: int) -> list[float] | None:

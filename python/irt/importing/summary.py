@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from irt.importing.axes import Axes, gain_is_odd, gain_ratio
+from irt.importing.axes import Axes, gain_is_odd, gain_ratio, tilt_zero
 from irt.importing.conventions import DECIDED, ROLLING_GAIN
 from irt.importing.logs import Summary
+from irt.importing.rates import Rates
 from irt.recording import MARBLE
 
 #: Explained share of the variance above which the tilt follows its command directly.
@@ -75,7 +76,7 @@ def _tilt(summary: Summary) -> list[str]:
         )
     if not log.stamped and np.isfinite(ratio):
         lines.append(
-            f"    without stamps: rows {summary.period / np.sqrt(ratio):.4f} s apart would make it 5/7 g"
+            f"    without stamps: rows {summary.period * np.sqrt(ratio):.4f} s apart would make it 5/7 g"
         )
     return lines
 
@@ -103,13 +104,46 @@ def _mirror(summary: Summary) -> list[str]:
     ]
 
 
+def _rates(summary: Summary, rates: Rates) -> list[str]:
+    log, axes = summary.logs[0], summary.commands
+    lines = []
+    for axis, name in enumerate(("tilt_x", "tilt_y")):
+        if axes.sure[axis] == "undecided":
+            continue
+        column = summary.tilt.order[axis]
+        dead = f" beyond {rates.dead[column]:.2g}" if rates.dead[column] else ""
+        lines.append(
+            f'  command "{log.command_names[axes.order[axis]]}" turns {name} at {axes.gains[axis]:+.3g} +- '
+            f"{axes.errors[axis]:.2g} rad/s per {_short_unit(summary)}{dead}, after "
+            f"{rates.map.delay[column]:.2f} s; explains {rates.map.explained[column]:.0%} of its changes"
+        )
+    lines += [
+        "    a rate and no angle (a motor's speed or current), whose errors add up: the measured tilt is",
+        "    written as the command (knob_x_rad, knob_y_rad). Diagnosed are board, marble and camera",
+    ]
+    zeros, errors = (1e3 * values for values in tilt_zero(summary.tilt_map, summary.tilt))
+    if np.isfinite(errors).any():
+        texts = [
+            f"{zero:+.1f} +- {error:.1f}" if np.isfinite(error) else "an unknown"
+            for zero, error in zip(zeros, errors, strict=True)
+        ]
+        lines.append(f"    without its zero, by the marble {' and '.join(texts)} mrad about x and y")
+    return lines
+
+
+def _short_unit(summary: Summary) -> str:
+    unit = "rad" if summary.logs[0].columns[0].endswith("_rad") else summary.lab.unit
+    return unit if len(unit) < 12 else "unit"
+
+
 def _commands(summary: Summary) -> list[str]:
     log, found, axes = summary.logs[0], summary.command_map, summary.commands
+    if summary.rates is not None:
+        return _rates(summary, summary.rates)
     if found is None:
         return ["  commands: none changes; kept as declared"]
     if not axes.decided:
         return ["  commands: no effect on tilt or marble found; kept as declared; undecided"]
-    unit = "rad" if log.columns[0].endswith("_rad") else summary.lab.unit
     lines = []
     for axis, name in enumerate(("tilt_x", "tilt_y")):
         column = log.command_names[axes.order[axis]]
@@ -118,7 +152,7 @@ def _commands(summary: Summary) -> list[str]:
             continue
         lines.append(
             f'  command "{column}" tilts {name} by {axes.gains[axis]:+.3g} +- {axes.errors[axis]:.2g} rad '
-            f"per {unit if len(unit) < 12 else 'unit'}: our {log.columns[axis]}; {axes.sure[axis]}"
+            f"per {_short_unit(summary)}: our {log.columns[axis]}; {axes.sure[axis]}"
             f"{_through_marble(summary)}"
         )
     if summary.matrix:
@@ -150,7 +184,7 @@ def _clocks(summary: Summary) -> list[str]:
                 "(filters of the estimator); not corrected"
             )
     found = summary.command_map
-    if found is None or not summary.commands.decided:
+    if found is None or not summary.commands.decided or summary.rates is not None:
         return lines
     decided = (np.abs(found.z) >= DECIDED).any(axis=1) & np.isfinite(found.delay)
     if not decided.any():
@@ -217,6 +251,8 @@ def _written(summary: Summary) -> list[str]:
         lines.append("  rig.toml kept as it was")
     else:
         lines.append(f"  {verb} rig.toml: check the sizes of board and marble in it, which are assumed")
+    if summary.motors is not None:
+        lines.append(f"  {verb} twin.toml: these motors, for `rig twin --as cyberrunner --config twin.toml`")
     if not summary.written:
         lines.append("dry run: nothing was written")
     return lines

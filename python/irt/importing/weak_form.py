@@ -11,8 +11,8 @@ so that positions are never differentiated (Messenger and Bortz, "Weak SINDy", 2
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,8 @@ class Map:
         Standard deviation of each input.
     count : int
         Number of fitted windows or rows.
+    constant, constant_error : (2,) array
+        What each output is without inputs, and its standard error; NaN if it was not fitted.
     """
 
     gains: Array
@@ -98,6 +100,8 @@ class Map:
     explained: Array
     scales: Array
     count: int
+    constant: Array = field(default_factory=lambda: np.full(2, np.nan))
+    constant_error: Array = field(default_factory=lambda: np.full(2, np.nan))
 
     @property
     def z(self) -> Array:
@@ -240,17 +244,40 @@ def fit_windows(
     choices = [(lag, family, float(delay)) for lag, family in families for delay in delays]
     costs = [fits.cost(family(delay)) for _, family, delay in choices] if len(choices) > 1 else [0.0]
     lag, family, delay = choices[int(np.argmin(costs))]
-    gains, errors, explained, shifts, shift_errors = fits.at(family, delay)
-    late = shifts
+    fit = fits.at(family, delay)
+    late = fit.shifts
     if len(choices) > 1:
         for _ in range(3):
-            precision = 1.0 / np.maximum(shift_errors, 1e-9) ** 2
-            shift = float(np.sum(precision * shifts) / max(precision.sum(), 1e-300))
+            precision = 1.0 / np.maximum(fit.shift_errors, 1e-9) ** 2
+            shift = float(np.sum(precision * fit.shifts) / max(precision.sum(), 1e-300))
             delay += float(np.clip(shift, -_STRIDE_S, _STRIDE_S))
-            gains, errors, explained, shifts, shift_errors = fits.at(family, delay)
+            fit = fits.at(family, delay)
         late = np.full(2, delay)
     count = int(fits.free.any(axis=1).sum())
-    return Map(gains, errors, late, shift_errors, np.full(2, lag), explained, scales, count)
+    return Map(
+        fit.gains,
+        fit.errors,
+        late,
+        fit.shift_errors,
+        np.full(2, lag),
+        fit.explained,
+        scales,
+        count,
+        fit.constant,
+        fit.constant_error,
+    )
+
+
+class _Fit(NamedTuple):
+    """Gains and a constant with their errors, explained shares, and steps of the delay with their errors."""
+
+    gains: Array
+    errors: Array
+    constant: Array
+    constant_error: Array
+    explained: Array
+    shifts: Array
+    shift_errors: Array
 
 
 class _Fits:
@@ -290,12 +317,13 @@ class _Fits:
             total += float(np.mean(np.minimum(left, 1.0) ** 2))
         return total
 
-    def at(self, family: Family, delay: float) -> tuple[Array, Array, Array, Array, Array]:
-        """Return gains, their errors, explained shares, and steps of the delay with their errors."""
+    def at(self, family: Family, delay: float) -> _Fit:
+        """Fit both axes at a delay."""
         values = family(delay)
         slopes = (family(delay + _STEP_S) - family(delay - _STEP_S)) / (2.0 * _STEP_S)
         inputs = int(self.active.sum())
         gains, errors = np.full((2, 2), np.nan), np.full((2, 2), np.nan)
+        constant, constant_error = np.full(2, np.nan), np.full(2, np.nan)
         explained, shifts, shift_errors = np.full(2, np.nan), np.zeros(2), np.full(2, np.inf)
         for axis in (0, 1):
             use = self.usable(values + slopes, axis)
@@ -312,9 +340,10 @@ class _Fits:
             step = np.linalg.lstsq(normal, jacobian.T @ (weights * left), rcond=None)[0]
             gains[axis, self.active] = coefficients[:inputs]
             errors[axis, self.active] = np.sqrt(np.diag(covariance))[:inputs]
+            constant[axis], constant_error[axis] = coefficients[-1], np.sqrt(covariance[-2, -2])
             shifts[axis], shift_errors[axis] = step[-1], np.sqrt(covariance[-1, -1])
             explained[axis] = _explained(target, left, weights)
-        return gains, errors, explained, shifts, shift_errors
+        return _Fit(gains, errors, constant, constant_error, explained, shifts, shift_errors)
 
 
 def _explained(target: Array, left: Array, weights: Array) -> float:

@@ -148,7 +148,15 @@ impl Mistakes {
         self.within("twin.joint_noise_rad", twin.joint_noise_rad, 0.0, 0.1);
         self.within("twin.tilt_noise_rad", twin.tilt_noise_rad, 0.0, 0.1);
         self.within("twin.velocity_rad_s", twin.velocity_rad_s, 1e-3, 10.0);
-        self.within("twin.current_rad_s", twin.current_rad_s, 1e-4, 1.0);
+        for axis in 0..2 {
+            self.within(
+                "twin.current_rad_s",
+                twin.current_rad_s[axis].abs(),
+                1e-4,
+                1.0,
+            );
+            self.within("twin.current_dead", twin.current_dead[axis], 0.0, 32767.0);
+        }
         self.within("twin.hand_s", twin.hand_s, 0.0, 60.0);
         let hz = twin.tracker_hz;
         self.unless(

@@ -11,8 +11,8 @@ use std::fs;
 use std::net::IpAddr;
 use std::path::Path;
 
-use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Deserializer};
 
 use crate::error::{Error, Result};
 
@@ -358,8 +358,12 @@ pub struct Twin {
     pub tilt_noise_rad: f64,
     /// Maximum rate of the arms (rad/s).
     pub velocity_rad_s: f64,
-    /// Rate of a knob over the current of its motor (rad/s), for the twin of a `CyberRunner`.
-    pub current_rad_s: f64,
+    /// Rate of the knobs about x and y over the current of their motors (rad/s), for the twin of a `CyberRunner`.
+    #[serde(deserialize_with = "by_axis")]
+    pub current_rad_s: [f64; 2],
+    /// Largest currents that do not turn the knobs about x and y: those that friction holds.
+    #[serde(deserialize_with = "by_axis")]
+    pub current_dead: [f64; 2],
     /// Position to which a hand returns the marble before each run (board edges).
     pub start: [f64; 2],
     /// Time for which the knobs are level and at rest before that (s).
@@ -377,11 +381,29 @@ impl Default for Twin {
             joint_noise_rad: 2e-5,
             tilt_noise_rad: 0.0009,
             velocity_rad_s: 0.83,
-            current_rad_s: 0.02,
+            current_rad_s: [0.02; 2],
+            current_dead: [0.0; 2],
             start: [0.0, 0.0],
             hand_s: 0.5,
         }
     }
+}
+
+/// A number for both axes, or one for each.
+fn by_axis<'de, D: Deserializer<'de>>(source: D) -> std::result::Result<[f64; 2], D::Error> {
+    #[derive(Deserialize)]
+    #[serde(
+        untagged,
+        expecting = "expected a number, or two in brackets: about x and about y"
+    )]
+    enum ByAxis {
+        Both(f64),
+        Each([f64; 2]),
+    }
+    Ok(match ByAxis::deserialize(source)? {
+        ByAxis::Both(value) => [value; 2],
+        ByAxis::Each(values) => values,
+    })
 }
 
 /// The text of a configuration.

@@ -33,8 +33,8 @@ pub enum Drive {
 
 /// Motors in current mode.
 ///
-/// A model in angles of knobs is given knobs that turn at a rate proportional to the current: without a current they
-/// stay where friction holds them, and the lab has a reset that levels the board. A model that was fitted to currents
+/// A model in angles of knobs is given knobs that turn at a rate proportional to the current beyond what friction holds:
+/// without a current they stay where they are, and the lab has a reset that levels the board. A model that was fitted to currents
 /// has the way from current to tilt in its gears and effects, and is given the currents themselves.
 pub struct Currents {
     commands: [f64; 2],
@@ -49,6 +49,8 @@ struct Knobs {
     most: [f64; 2],
     /// Rates over currents (rad/s), signed: a negative current of either motor turns alpha or beta up.
     rates: [f64; 2],
+    /// Largest currents that friction holds.
+    dead: [f64; 2],
 }
 
 /// Servos behind a driver that turns them step by step.
@@ -72,7 +74,8 @@ impl Drive {
                     angles: [0.0; 2],
                     most: model.gears().map(|gear| STOP_RAD / gear.abs().max(1e-6)),
                     // beta is the tilt about x, alpha minus that about y.
-                    rates: [-twin.current_rad_s, twin.current_rad_s],
+                    rates: [-twin.current_rad_s[0], twin.current_rad_s[1]],
+                    dead: twin.current_dead,
                 }),
                 resets: false,
             }),
@@ -148,7 +151,9 @@ impl Currents {
                 let most = RESET_RAD_S * tick;
                 (-*angle).clamp(-most, most)
             } else {
-                knobs.rates[axis] * self.commands[axis] * tick
+                let current = self.commands[axis];
+                let held = current.clamp(-knobs.dead[axis], knobs.dead[axis]);
+                knobs.rates[axis] * (current - held) * tick
             };
             *angle = (*angle + turn).clamp(-knobs.most[axis], knobs.most[axis]);
         }
@@ -221,6 +226,20 @@ mod tests {
         drive.command([-200.0, 200.0], 4.0);
         let [x, y] = turn(&mut drive, 1200, 4.0);
         assert!((0.07 * x - STOP_RAD).abs() < 1e-9 && (0.06 * y - STOP_RAD).abs() < 1e-9);
+    }
+
+    #[test]
+    fn friction_holds_a_knob_by_axis() {
+        let model = with("[commands]\nunit = \"rad\"\n");
+        let twin: Twin =
+            toml::from_str("current_rad_s = [0.01, -0.02]\ncurrent_dead = [30, 50.0]").unwrap();
+        let mut drive = Drive::new(Lab::Cyberrunner, &twin, &model);
+        drive.command([-30.0, 50.0], 0.0);
+        assert_eq!(turn(&mut drive, 60, 0.0), [0.0; 2]);
+        drive.command([-50.0, -100.0], 0.5);
+        let [x, y] = turn(&mut drive, 48, 0.5);
+        assert!((x - 20.0 * 0.01 * 0.4).abs() < 1e-9, "{x}");
+        assert!((y - 50.0 * 0.02 * 0.4).abs() < 1e-9, "{y}");
     }
 
     #[test]
