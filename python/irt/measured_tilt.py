@@ -39,8 +39,8 @@ def has_both_tilts(recording: Recording) -> bool:
 def play_tilt(recording: Recording, zero: Array, gain: Array) -> Recording:
     """Return a recording whose commands are its measured tilt minus (2,) zeros, divided by (2,) gains [rad].
 
-    The tilt is interpolated linearly between rows, and across rows without a measurement. A command holds over
-    its row and is the mean over it: the tilt at its beginning would come half a row late.
+    The tilt is interpolated linearly between rows, and across rows without a measurement. A command holds
+    over its row and is the mean over it: the tilt at its beginning would come half a row late.
     """
     assert recording.tilt is not None, recording.name
     rows = np.arange(len(recording.tilt))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import SPIN, SPINNING
+from irt.diagnosis.parts import in_parts
 from irt.engine import SUBSTEP_S
 from irt.errors import located
 from irt.fitting.least_squares import stamped_time_scale
@@ -120,6 +121,8 @@ class Dataset:
         Threads of the engine.
     held : mapping
         Values at which parameters of effects are held, by effect and name; all others are fitted.
+    in_parts : bool
+        Whether the recordings are parts of fewer that were recorded.
     """
 
     rig: Rig
@@ -133,6 +136,7 @@ class Dataset:
     seed: int
     threads: int | None
     held: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    in_parts: bool = False
 
     @classmethod
     def of(cls, rig: Rig, *, seed: int = 0, threads: int | None = None) -> Dataset:
@@ -143,12 +147,13 @@ class Dataset:
         IrtError
             If only some recordings are stamped.
         """
-        tilts = {one.name: compared_tilt(one) for one in rig.recordings}
         # Without a marble the tilt is all that a recording shows.
-        sweeps = [one for one in rig.recordings if not one.has_marble and tilts[one.name] is not None]
-        used = (*rig.of_marbles(with_tilt=True).recordings, *sweeps)
-        digest = replace(rig, recordings=used).digest
-        rig = rig.of_marbles()
+        sweeps = [one for one in rig.recordings if not one.has_marble and compared_tilt(one) is not None]
+        of_marbles = rig.of_marbles(with_tilt=True)
+        digest = replace(rig, recordings=(*of_marbles.recordings, *sweeps)).digest
+        with_tilt = in_parts(of_marbles)
+        tilts = {one.name: compared_tilt(one) for one in (*with_tilt.recordings, *sweeps)}
+        rig = with_tilt.of_marbles()
         cut = tuple(segments(rig))
         whole = [*segments(rig, whole=True), *segments(replace(rig, recordings=tuple(sweeps)), whole=True)]
         runs = tuple(replace(one, run=replace(one.run, tilt=tilts[one.recording])) for one in whole)
@@ -167,6 +172,7 @@ class Dataset:
             time_scale=stamped_time_scale(rig),
             seed=seed,
             threads=threads,
+            in_parts=with_tilt is not of_marbles,
         )
 
     @property

@@ -308,7 +308,13 @@ def notes(
         )
     if UNLISTED in best.effects:
         yield f"{LEARNED}{formula(best.value_of(UNLISTED))}."
-    if len(dataset.rig.recordings) == 1:
+    if dataset.in_parts:
+        yield (
+            f"There are fewer than three recordings: they are cut into {len(dataset.rig.recordings)} parts, "
+            "which are held out in turn. What differs from run to run cannot show in these. Record at least "
+            "three."
+        )
+    elif len(dataset.rig.recordings) == 1:
         yield (
             "There is only one recording: nothing could be held out, so the improvement is not validated. "
             "Record at least three."

@@ -112,9 +112,9 @@ def command_axes(found: Map | None, tilt: Axes, *, by_marble: bool) -> Axes:
     return Axes(axes.order, axes.signs, axes.gains * scale, axes.errors * scale, axes.sure, axes.mixed)
 
 
-def is_matrix(axes: Axes, found: Map | None) -> bool:
+def is_matrix(axes: Axes) -> bool:
     """Return whether each command moves both axes."""
-    return found is not None and bool((axes.mixed > _MIXED).any())
+    return bool((axes.mixed > _MIXED).any())
 
 
 def tilt_zero(found: Map | None, axes: Axes) -> tuple[Array, Array]:

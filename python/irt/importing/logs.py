@@ -179,7 +179,7 @@ def import_logs(
     columns = KNOBS if found.rates else cleaned[0].log.columns
     for log in logs:
         _check_unit(target, unit, log, columns)
-    matrix = not found.rates and is_matrix(commands, found.command_map)
+    matrix = is_matrix(commands)
     placed = _Placed(tilt, commands, found.tilt_offset or 0.0, found.command_shift)
     recordings = _recordings(cleaned, target, placed)
     noise = _noise(recordings)
@@ -188,7 +188,7 @@ def import_logs(
     period = float(np.median([one.log.period for one in cleaned]))
     settings = None
     if not (target / "rig.toml").exists():
-        spoken = Commands("rad" if columns == KNOBS else lab.unit, matrix)
+        spoken = Commands("rad" if columns == KNOBS else lab.unit, matrix and not found.rates)
         settings = rig_toml(
             board,
             marble,

@@ -75,45 +75,51 @@ def commands_to_rates(runs: Sequence[Run]) -> Rates | None:
     if windows is None:
         return None
     active = np.flatnonzero(scales > 0.0)
+    choices = [windows.choice(axis, active) for axis in (0, 1)]
+    known = [one for one in choices if one is not None]
+    if not known or min(one.explained for one in known) < _MOST_OF_IT:
+        return None
+    by_angle, by_rate = (sum(squares) for squares in zip(*(one.squares for one in known), strict=True))
+    if _agree(np.asarray(by_angle), np.asarray(by_rate), windows.blocks) < DECIDED:
+        return None
     gains, errors = np.full((2, 2), np.nan), np.full((2, 2), np.nan)
     delays, delay_errors, lags, explained = (np.full(2, np.nan) for _ in range(4))
-    dead, by_angle, by_rate = np.zeros(2), np.zeros(len(windows.blocks)), np.zeros(len(windows.blocks))
-    for axis in (0, 1):
-        fit = windows.fit(axis, active)
-        if fit is None:
+    dead = np.zeros(2)
+    for axis, choice in enumerate(choices):
+        if choice is None:
             continue
-        gains[axis, active], errors[axis, active] = fit.gains, fit.errors
-        delays[axis], delay_errors[axis], lags[axis] = fit.delay, fit.delay_error, fit.lag
-        explained[axis] = fit.explained
-        dead[axis] = fit.dead
-        by_angle, by_rate = by_angle + fit.by_angle, by_rate + fit.by_rate
-    known = np.isfinite(explained)
-    if (
-        not known.any()
-        or explained[known].min() < _MOST_OF_IT
-        or _agree(by_angle, by_rate, windows.blocks) < DECIDED
-    ):
-        return None
-    found = Map(gains, errors, delays, delay_errors, lags, explained, scales, len(windows.blocks))
-    return Rates(found, dead)
+        law = windows.law(axis, active, choice.move)
+        gains[axis, active], errors[axis, active] = law.gains, law.errors
+        delays[axis], lags[axis], dead[axis] = law.move
+        delay_errors[axis], explained[axis] = law.delay_error, law.explained
+    return Rates(Map(gains, errors, delays, delay_errors, lags, explained, scales, len(windows.blocks)), dead)
+
+
+#: Delay [s], lag of the speed [s], and dead zone [unit].
+_Move = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class _Fit:
-    """One column of the tilt.
+class _Choice:
+    """How well both laws explain a column of the tilt on coarse grids.
 
-    ``by_angle`` and ``by_rate`` are squared errors of the windows over the mean square of their changes.
+    ``squares`` are the squared errors of the windows, by angles and by rates, over the changes' mean square.
     """
+
+    move: _Move
+    explained: float
+    squares: tuple[Array, Array]
+
+
+@dataclass(frozen=True)
+class _Law:
+    """The rates of a column of the tilt, with standard errors."""
 
     gains: Array
     errors: Array
-    delay: float
+    move: _Move
     delay_error: float
-    lag: float
     explained: float
-    dead: float
-    by_angle: Array
-    by_rate: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +173,8 @@ class _Windows:
     def beyond(self, dead: float) -> list[Held]:
         """Return the commands of each run beyond a dead zone; runs of one log share theirs, with its lags."""
         if dead not in self._beyond:
+            if len(self._beyond) > len(_DEAD):
+                self._beyond.clear()
             own = {
                 id(held): replace(held, values=held.values - np.clip(held.values, -dead, dead), _states={})
                 for held in self.commands
@@ -193,14 +201,14 @@ class _Windows:
             ]
         )
 
-    def fit(self, axis: int, active: NDArray[np.intp]) -> _Fit | None:
-        """Fit one column of the tilt; None if it was hardly measured or never changes."""
+    def choice(self, axis: int, active: NDArray[np.intp]) -> _Choice | None:
+        """Compare both laws for a column of the tilt; None if it was hardly measured or never changes."""
         change = self.changes[:, axis]
         use = np.isfinite(change)
         if use.sum() < _FEWEST or np.std(change[use]) < 1e-9:
             return None
         target, blocks = change[use], self.blocks[use]
-        which, by_angle = _best(self.angle_designs[:, use][..., active], target)
+        _, by_angle = _best(self.angle_designs[:, use][..., active], target)
         which, by_rate = _best(self.rate_designs[:, use][..., active], target)
         most = max(float(np.abs(held.values[:, active]).max()) for held in self.commands)
         zones = [float(share) * most for share in _DEAD]
@@ -211,29 +219,51 @@ class _Windows:
         dead = 0.0
         if _agree(by_rate**2, beyond**2, blocks) >= DECIDED:
             which, by_rate, dead = again, beyond, zone
-        delay, lag = _MOVES[which]
-        design = self.turned(delay, lag, dead)[use][:, active]
-        coefficients, weights = robust_fit(design, target, np.zeros(len(active)))
-        step = 0.5 * GRID_S
-        slope = (self.turned(delay + step, lag, dead) - self.turned(delay - step, lag, dead))[use][
-            :, active
-        ] / GRID_S
-        jacobian = np.column_stack([design, slope @ coefficients])
-        residual = target - design @ coefficients
-        covariance = sandwich(jacobian, weights, residual, blocks, np.zeros(len(active) + 1))
-        errors = np.sqrt(np.diag(covariance))
         squares = np.zeros((2, len(change)))
         squares[:, use] = np.array([by_angle, by_rate]) ** 2 / np.mean(target**2)
-        return _Fit(
-            coefficients,
-            errors[:-1],
-            delay,
-            float(np.hypot(errors[-1], GRID_S / np.sqrt(12.0))),
-            lag,
-            1.0 - float(by_rate @ by_rate / (target @ target)),
-            dead,
-            squares[0],
-            squares[1],
+        share = 1.0 - float(by_rate @ by_rate / (target @ target))
+        return _Choice((*_MOVES[which], dead), share, (squares[0], squares[1]))
+
+    def law(self, axis: int, active: NDArray[np.intp], start: _Move) -> _Law:
+        """Fit the rates of a column of the tilt, from the best of the grids; no dead zone stays none."""
+        from scipy.optimize import minimize  # noqa: PLC0415
+
+        use = np.isfinite(self.changes[:, axis])
+        target, blocks = self.changes[use, axis], self.blocks[use]
+        free = [0, 1, 2] if start[2] else [0, 1]
+        steps = np.array([0.25 * GRID_S, 0.25 * GRID_S, 0.1 * start[2]])[free]
+
+        def design(point: Array) -> Array:
+            delay, lag, dead = (*point.tolist(), 0.0)[:3]
+            return self.turned(delay, lag, dead)[use][:, active]
+
+        def cost(point: Array) -> float:
+            if (point[1:] < 0.0).any() or point[0] > MOST_DELAY_S:
+                return float("inf")
+            _, left = _best(design(point)[None], target)
+            return float(left @ left)
+
+        begin = np.array(start)[free]
+        simplex = np.vstack([begin, begin + 2.0 * np.diag(steps)])
+        options = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-12, "maxfev": 200}
+        best = np.asarray(minimize(cost, begin, method="Nelder-Mead", options=options).x)
+        found = design(best)
+        gains, weights = robust_fit(found, target, np.zeros(len(active)))
+        left = target - found @ gains
+        # Neither a lag nor a dead zone is negative: there the slope is one-sided.
+        floor = np.array([-np.inf, 0.0, 0.0])[free]
+        ends = [(np.maximum(best - step, floor), best + step) for step in np.diag(steps)]
+        slopes = [(design(high) - design(low)) @ gains / float(np.sum(high - low)) for low, high in ends]
+        jacobian = np.column_stack([found, *slopes])
+        covariance = sandwich(jacobian, weights, left, blocks, np.zeros(jacobian.shape[1]))
+        errors = np.sqrt(np.diag(covariance))
+        delay, lag, dead = (*best.tolist(), 0.0)[:3]
+        return _Law(
+            gains,
+            errors[: len(active)],
+            (delay, lag, dead),
+            float(errors[len(active)]),
+            1.0 - float(left @ left / (target @ target)),
         )
 
 

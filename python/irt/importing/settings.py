@@ -7,7 +7,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from irt.engine import SUBSTEP_S
-from irt.importing.axes import Axes
+from irt.importing.axes import Axes, is_matrix
 from irt.importing.rates import Rates
 from irt.rig import Board, Commands, Marble
 
@@ -85,7 +85,7 @@ def twin_toml(rates: Rates, tilt: Axes, commands: Axes, current: float | None) -
     current : float or None
         Units of current in a unit of the commands.
     """
-    if current is None or commands.order != (1, 0) or "undecided" in commands.sure:
+    if current is None or commands.order != (1, 0) or "undecided" in commands.sure or is_matrix(commands):
         return None
     # The twin takes the rate of the board about x for a negative current, and about y for a positive one.
     speeds = commands.gains / current * [-1.0, 1.0]

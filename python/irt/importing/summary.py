@@ -114,9 +114,12 @@ def _rates(summary: Summary, rates: Rates) -> list[str]:
         dead = f" beyond {rates.dead[column]:.2g}" if rates.dead[column] else ""
         lines.append(
             f'  command "{log.command_names[axes.order[axis]]}" turns {name} at {axes.gains[axis]:+.3g} +- '
-            f"{axes.errors[axis]:.2g} rad/s per {_short_unit(summary)}{dead}, after "
-            f"{rates.map.delay[column]:.2f} s; explains {rates.map.explained[column]:.0%} of its changes"
+            f"{axes.errors[axis]:.2g} rad/s per {_short_unit(summary)}{dead}, dead time "
+            f"{rates.map.delay[column]:.3f} s, lag of the speed {rates.map.lag[column]:.3f} s; explains "
+            f"{rates.map.explained[column]:.1%} of its changes"
         )
+    if summary.matrix:
+        lines.append("    each command turns the board about both axes")
     lines += [
         "    a rate and no angle (a motor's speed or current), whose errors add up: the measured tilt is",
         "    written as the command (knob_x_rad, knob_y_rad). Diagnosed are board, marble and camera",

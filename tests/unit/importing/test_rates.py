@@ -33,11 +33,11 @@ def test_rates_of_motors_are_recovered(seed: int) -> None:
     truth = simulate(np.random.default_rng(seed), seconds=40.0, unit=200.0, motors=True, spoil=False)
     found = commands_to_rates([run_of(truth)])
     assert found is not None
-    assert found.map.gains == pytest.approx(truth.gear, abs=0.2 * np.abs(truth.gear).max())
-    assert found.dead == pytest.approx(truth.dead, rel=0.5)
-    # Dead time and lag of a speed are hard to separate in an integral of it.
-    assert found.map.delay + found.map.lag == pytest.approx(truth.delay + truth.lag, abs=0.04)
-    assert (found.map.explained > 0.9).all()
+    assert found.map.gains == pytest.approx(truth.gear, abs=0.03 * np.abs(truth.gear).max())
+    assert found.dead == pytest.approx(truth.dead, rel=0.03)
+    assert found.map.delay == pytest.approx(truth.delay, abs=0.02)
+    assert found.map.lag == pytest.approx(truth.lag, abs=0.02)
+    assert (found.map.explained > 0.99).all()
 
 
 @pytest.mark.parametrize("by_rows", [False, True])
