@@ -19,17 +19,18 @@ _LENGTH_S, _SHORTEST_S = 10.0, 3.0
 
 
 def in_parts(rig: Rig) -> Rig:
-    """Return a rig of parts of its recordings, in motion, if these are fewer than three and long enough.
+    """Return a rig of parts of its recordings in motion, if these are fewer than three and long enough.
 
     A part begins with a row in which the marble was seen, and as if its commands were unknown before. Those
-    shorter than 3 s would show too little.
+    shorter than 3 s would show too little. Recordings from rest stay whole: their start states are known,
+    which is worth more than a proof by parts that begin in motion.
     """
     count = len(rig.recordings)
-    if count >= _FEW:
+    if rig.start == "rest" or count >= _FEW:
         return rig
     middle = sum(rig.ranges["time_scale"]) / 2.0
     parts = [part for one in rig.recordings for part in _parts(one, row_seconds(one, middle), count)]
-    return rig if len(parts) == count else replace(rig, recordings=tuple(parts), start="moving")
+    return rig if len(parts) == count else replace(rig, recordings=tuple(parts))
 
 
 def _parts(recording: Recording, row_s: float, recordings: int) -> list[Recording]:

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from irt.diagnosis.dataset import Dataset
 from irt.diagnosis.parts import in_parts
 from irt.recording import Recording
-from irt.rig import Rig
+from irt.rig import Rig, Start
 
 
-def rig_of(*rows: int, row_s: float | None = 1.0 / 30.0, tilt: bool = False) -> Rig:
+def rig_of(*rows: int, row_s: float | None = 1.0 / 30.0, tilt: bool = False, start: Start = "moving") -> Rig:
     """Return a rig of recordings of so many rows, stamped or not, whose commands are their row numbers."""
 
     def recording(number: int, length: int) -> Recording:
@@ -27,9 +27,8 @@ def rig_of(*rows: int, row_s: float | None = 1.0 / 30.0, tilt: bool = False) -> 
         return Recording(f"run-{number}", Path(f"run-{number}.csv"), commands, marble, stamps, measured)
 
     ranges = {"time_scale": (7.0, 9.0)}
-    return Rig.from_recordings(
-        [recording(number, length) for number, length in enumerate(rows)], ranges=ranges
-    )
+    recordings = [recording(number, length) for number, length in enumerate(rows)]
+    return Rig.from_recordings(recordings, ranges=ranges, start=start)
 
 
 @given(rows=st.lists(st.integers(2, 2000), min_size=1, max_size=2), is_stamped=st.booleans())
@@ -50,12 +49,11 @@ def test_parts_are_the_recording(rows: list[int], is_stamped: bool) -> None:
 def test_numbers_of_parts(rows: tuple[int, ...], parts: int) -> None:
     cut = in_parts(rig_of(*rows))
     assert len(cut.recordings) == parts
-    assert cut.start == ("rest" if parts == len(rows) else "moving")
 
 
-def test_three_recordings_are_enough() -> None:
-    rig = rig_of(3000, 3000, 3000)
-    assert in_parts(rig) is rig
+def test_three_recordings_are_enough_and_those_from_rest_stay_whole() -> None:
+    for rig in (rig_of(3000, 3000, 3000), rig_of(3000, start="rest")):
+        assert in_parts(rig) is rig
 
 
 def test_a_part_begins_where_the_marble_is_seen() -> None:
@@ -64,7 +62,9 @@ def test_a_part_begins_where_the_marble_is_seen() -> None:
     marble = whole.marble.copy()
     marble[95:110] = np.nan
     lost = Rig.from_recordings(
-        [Recording("a", Path("a.csv"), whole.knobs, marble, whole.stamps)], ranges=dict(rig.ranges)
+        [Recording("a", Path("a.csv"), whole.knobs, marble, whole.stamps)],
+        ranges=dict(rig.ranges),
+        start="moving",
     )
     first, second, *_ = in_parts(lost).recordings
     assert len(first.knobs) == 100
