@@ -246,6 +246,22 @@ def test_currents_that_set_rates(tmp_path: Path, currents: Truth, irt: Callable[
     assert ratio == pytest.approx(1.0, abs=0.02)
 
 
+def test_runs_without_a_tilt_are_left_out_where_commands_are_rates(
+    tmp_path: Path, currents: Truth, irt: Callable[..., Any]
+) -> None:
+    table = columns(currents)
+    table["alpha"], table["beta"] = table["alpha"].astype(object), table["beta"].astype(object)
+    table["run"] = np.where(np.arange(len(currents.stamps)) < 900, 1, 2)
+    table["alpha"][900:] = ""
+    log = write_csv(tmp_path / "log.csv", table)
+    done = irt("import", log, "--from", "csv", *MAP, "--episode", "run", "--out", tmp_path / "rig")
+    assert done.status == 0, done.err
+    assert "1 runs without a measured tilt left out: commands are rates" in done.out
+    (recording,) = load_rig(tmp_path / "rig").recordings
+    assert len(recording.knobs) == 900
+    assert not (tmp_path / "rig" / "twin.toml").exists()
+
+
 def test_rates_go_to_no_rig_in_another_unit(
     tmp_path: Path, truth: Truth, currents: Truth, irt: Callable[..., Any]
 ) -> None:

@@ -37,7 +37,7 @@ from irt.importing.sources import (
 from irt.importing.splitting import Cleaned, Counts, Stretch, clean
 from irt.importing.units import check_places, check_tilt_gain, check_tilt_size, marble_is_swapped
 from irt.importing.weak_form import Map, Run
-from irt.measured_tilt import play_tilt
+from irt.measured_tilt import has_both_tilts, play_tilt
 from irt.recording import CMD, KNOBS, Recording
 from irt.rig import Board, Commands, Marble, read_dimensions, read_signals
 
@@ -88,6 +88,8 @@ class Summary:
         The recordings in the package's convention.
     settings : str or None
         The text of rig.toml; None if the folder has one.
+    without_tilt : int
+        Number of runs that were left out because commands are rates and their tilt was not measured.
     motors : str or None
         The text of twin.toml; None unless the commands are currents that set rates.
     written : bool
@@ -112,6 +114,7 @@ class Summary:
     period: float
     recordings: tuple[Recording, ...]
     settings: str | None
+    without_tilt: int
     motors: str | None
     written: bool
 
@@ -183,8 +186,11 @@ def import_logs(
     placed = _Placed(tilt, commands, found.tilt_offset or 0.0, found.command_shift)
     recordings = _recordings(cleaned, target, placed)
     noise = _noise(recordings)
+    without_tilt = 0
     if found.rates:
-        recordings = [play_tilt(one, tilt_zero(found.tilt_map, tilt)[0], np.ones(2)) for one in recordings]
+        zero = tilt_zero(found.tilt_map, tilt)[0]
+        played = [play_tilt(one, zero, np.ones(2)) for one in recordings if has_both_tilts(one)]
+        without_tilt, recordings = len(recordings) - len(played), played
     period = float(np.median([one.log.period for one in cleaned]))
     settings = None
     if not (target / "rig.toml").exists():
@@ -229,6 +235,7 @@ def import_logs(
         period=period,
         recordings=tuple(recordings),
         settings=settings,
+        without_tilt=without_tilt,
         motors=motors,
         written=not dry_run,
     )
@@ -307,7 +314,7 @@ def _conventions(
             offset = float(tilt_map.delay[0])
         runs = [replace(run, tilt_stamps=run.tilt_stamps + offset) for run in runs]
     report(1, 3, "fitting commands to tilt")
-    if rates := commands_to_rates(runs):
+    if rates := commands_to_rates([run for run in runs if _shows_both_tilts(run)]):
         report(3, 3, "fitted")
         return _Conventions(tilt_map, rates.map, False, rates, offset, 0.0)
     command_map = commands_to_tilt(runs)
@@ -320,6 +327,10 @@ def _conventions(
     report(3, 3, "fitted")
     shift = _least_shift(command_map, by_marble=by_marble) if command_map is not None else 0.0
     return _Conventions(tilt_map, command_map, by_marble, None, offset, shift)
+
+
+def _shows_both_tilts(run: Run) -> bool:
+    return run.tilt is not None and bool(np.isfinite(run.tilt).any(axis=0).all())
 
 
 def _least_shift(found: Map, *, by_marble: bool) -> float:

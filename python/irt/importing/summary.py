@@ -234,6 +234,8 @@ def _cleaned(summary: Summary) -> list[str]:
     shown = [f"{count} {text}" for count, text in splits if count]
     if shown:
         lines.append(f"  split at {', '.join(shown)}")
+    if summary.without_tilt:
+        lines.append(f"  {summary.without_tilt} runs without a measured tilt left out: commands are rates")
     if counts.short_runs:
         lines.append(f"  {counts.short_runs} runs of under 30 rows or 1 s dropped ({counts.short_rows} rows)")
     return lines

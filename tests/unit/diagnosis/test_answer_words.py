@@ -210,6 +210,18 @@ def test_a_slow_marble_does_not_rest(rows, length, rests):
     path = np.column_stack([np.linspace(0.0, length, rows), np.zeros(rows)])
     path[rows // 2] = np.nan
     rig = SimpleNamespace(recordings=[None] * 3)
-    dataset = SimpleNamespace(rig=rig, segments=[SimpleNamespace(observed=path)], noise=0.001)
+    dataset = SimpleNamespace(rig=rig, segments=[SimpleNamespace(observed=path)], noise=0.001, in_parts=False)
     said = list(notes(dataset, SimpleNamespace(effects=()), None, explained=True))
     assert [text.startswith("The marble is seen in only") for text in said] == [True] * rests
+
+
+def test_it_is_said_that_parts_were_held_out() -> None:
+    path = np.random.default_rng(1).uniform(-0.4, 0.4, (400, 2))
+    dataset = SimpleNamespace(
+        rig=SimpleNamespace(recordings=[None] * 5),
+        segments=[SimpleNamespace(observed=path)],
+        noise=0.001,
+        in_parts=True,
+    )
+    (said,) = notes(dataset, SimpleNamespace(effects=()), None, explained=True)
+    assert "cut into 5 parts, which are held out in turn" in said
