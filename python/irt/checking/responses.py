@@ -42,7 +42,7 @@ _DELAYS = 16
 Z, SHARE = 1.3, 0.15
 #: Log likelihood ratio [nats] for a certainly wrong convention: another one is a million times likelier,
 #: corrected for the seven alternatives.
-_CERTAIN = float(np.log(1e6) + np.log(len(CONVENTIONS) - 1))
+CERTAIN = float(np.log(1e6) + np.log(len(CONVENTIONS) - 1))
 #: Factor on the expected gain that indicates another unit and not friction or slip.
 _FACTOR = 2.0
 #: Tolerance, as a factor, of a ratio of units: slopes of the board, friction and slip change a gain by less.
@@ -230,7 +230,7 @@ def _contradiction(answer: Answer, guilty: tuple[str, str] | None) -> Finding:
         crossed = facts.outputs == MARBLE
         names = (guilty[1], guilty[0]) if crossed else guilty
         advice = correction(found, guilty, names)
-    certain = _nats(answer.response) >= _CERTAIN and facts.best_explained >= SURE
+    certain = _nats(answer.response) >= CERTAIN and facts.best_explained >= SURE
     return Finding(
         "error" if certain else "warning",
         f"{_listed(facts.inputs)} move {_listed(facts.outputs)} against physics: of the eight ways to name "

@@ -14,6 +14,7 @@ from irt.checking.findings import SHORT_ROWS, run_findings
 from irt.checking.identify import identify
 from irt.checking.odd_runs import odd_runs
 from irt.checking.positions import position_findings
+from irt.checking.rates import rate_findings
 from irt.checking.responses import Answer, response_findings, responses
 from irt.checking.result import Check, Finding, RunFacts, SignalFacts, require, warning_lines
 from irt.checking.runs import rim_masks, run_facts
@@ -146,6 +147,7 @@ def _wrong(
     found = [
         *axes,
         *unit_findings(rig, answers),
+        *rate_findings(rig, cleaned),
         *position_findings(rig, marbles, noise, threads),
     ]
     return answers, found
