@@ -128,7 +128,7 @@ def simulate(
     dead = 0.0
     if motors:
         dead, gear = 0.2 * unit, 0.8 * gear / np.abs(gear).max() / unit
-        wanted = 0.03 * waves
+        wanted = 0.03 * waves + 0.02 * rng.standard_normal(waves.shape)
         commands, tilt = _driven(wanted, gear, dead, decay, sent)
     else:
         asked = (commands @ gear.T)[sent]

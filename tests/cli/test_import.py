@@ -235,8 +235,8 @@ def test_currents_that_set_rates(tmp_path: Path, currents: Truth, irt: Callable[
     # A unit of current is -1/200 of an action, and a negative current about x turns the board up.
     motors = tomllib.loads((tmp_path / "rig" / "twin.toml").read_text())["twin"]
     gains = np.array([currents.gear[0, 1], -currents.gear[1, 0]]) / 200.0
-    assert motors["current_rad_s"] == pytest.approx(gains.tolist(), rel=0.03)
-    assert motors["current_dead"] == pytest.approx([200.0 * currents.dead] * 2, rel=0.03)
+    assert motors["current_rad_s"] == pytest.approx(gains.tolist(), rel=0.05)
+    assert motors["current_dead"] == pytest.approx([200.0 * currents.dead] * 2, rel=0.05)
 
     fitted = irt("tune", tmp_path / "rig", "--out", tmp_path / "tuned")
     assert fitted.status == 0, fitted.err

@@ -147,7 +147,7 @@ def _wrong(
     found = [
         *axes,
         *unit_findings(rig, answers),
-        *rate_findings(rig, cleaned),
+        *rate_findings(rig, cleaned, rim),
         *position_findings(rig, marbles, noise, threads),
     ]
     return answers, found
