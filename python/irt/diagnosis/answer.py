@@ -159,7 +159,7 @@ class Answer:
             if self._misses_motion
             else self._posterior.probabilities((self._immaterial | set(best.effects)) - set(self._names)),
             budget=shares,
-            remains=self._remains(shares, twins.mae) if is_held_out else None,
+            remains=self._remains(shares, _error_of(final, simulated, dataset)) if is_held_out else None,
             pushes=self._pushes() if where else (),
             sessions=tuple(self._differences),
             nested_heldout_mae=float("nan") if again is None else again.mae,
@@ -488,7 +488,12 @@ def _model(one: Scored, parameters: dict[str, Parameter]) -> Model:
 
 def _free_run(one: Scored) -> float:
     """Return the mean absolute error on the recordings that a set was fitted to."""
-    evaluation = evaluate(one.fitted.model, one.dataset.rig.recordings)
-    if one.dataset.rig.start == "moving" and evaluation.windowed is not None:
+    return _error_of(one.fitted.model, one.dataset.rig.recordings, one.dataset)
+
+
+def _error_of(model: Model, recordings: Sequence[Recording], dataset: Dataset) -> float:
+    """Return the mean absolute error of a model, in windows as of held-out recordings in motion."""
+    evaluation = evaluate(model, recordings)
+    if dataset.rig.start == "moving" and evaluation.windowed is not None:
         return evaluation.windowed.mae
     return evaluation.mae

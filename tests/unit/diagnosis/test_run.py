@@ -138,6 +138,14 @@ def test_what_never_repeats_remains_on_the_board(diagnosed, plant):
 
 
 @pytest.mark.slow
+def test_the_floor_of_recordings_in_motion_is_that_of_their_windows(plant, in_motion):
+    found = diagnose(in_motion(plant([], runs=4, rows=150, stamped=True), 20).rig)
+    assert found.verdict == "sufficient"
+    # Where nothing is hidden, the error is that of a perfect simulator.
+    assert found.remains.floor_of_the_log == pytest.approx(found.base_heldout_mae, rel=0.25)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["nothing", "drag", "wave"])
 def test_the_noise_is_the_standard_deviation_of_the_tracker(diagnosed, plant, name):
     found = diagnosed(name, plant)
