@@ -268,7 +268,7 @@ class _Windows:
 
 
 def _best(designs: Array, target: Array) -> tuple[int, Array]:
-    """Return which of designs (m, k, n) explains a target (k,) best by least squares, and what is left."""
+    """Return which of designs (m, k, n) explains a target (k,) best by least squares, and its residuals."""
     products = target @ designs
     normal = np.swapaxes(designs, 1, 2) @ designs
     gains = (np.linalg.pinv(normal) @ products[..., None])[..., 0]
