@@ -26,6 +26,8 @@ ROLLING_GAIN = 5.0 / 7.0 * 9.81
 #: Numbers of standard errors for a decided gain, and for a certain one. They exceed 2, because the search
 #: over delays picks the best of hundreds.
 DECIDED, SURE = 5.0, 10.0
+#: Share of a variance that a law has to explain to be taken for its cause: more than half.
+MOST_OF_IT = 0.5
 
 #: Largest offset between clocks in the search [s], and largest dead time [s].
 MOST_OFFSET_S = 0.6

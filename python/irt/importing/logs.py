@@ -21,7 +21,13 @@ from irt.importing.axes import (
     tilt_axes,
     tilt_zero,
 )
-from irt.importing.conventions import DECIDED, commands_to_marble, commands_to_tilt, tilt_to_marble
+from irt.importing.conventions import (
+    DECIDED,
+    MOST_OF_IT,
+    commands_to_marble,
+    commands_to_tilt,
+    tilt_to_marble,
+)
 from irt.importing.labs import Lab
 from irt.importing.log import Log
 from irt.importing.mapping import parse_mapping
@@ -43,8 +49,6 @@ from irt.rig import Board, Commands, Marble, read_dimensions, read_signals
 
 Array = NDArray[np.float64]
 
-#: Share of the tilt's variance that commands have to explain for their clock to be judged: more than half.
-_MOST_OF_IT = 0.5
 #: Offset [s], and its number of standard errors, above which the tilt has another clock than the marble.
 _OFFSET_S, _OFFSET_ERRORS = 0.004, 4.0
 
@@ -338,7 +342,7 @@ def _least_shift(found: Map, *, by_marble: bool) -> float:
     sure = (np.abs(found.z) >= DECIDED).any(axis=1) & np.isfinite(found.delay)
     if not by_marble:
         # Commands of a controller follow the tilt. A map that explains little may well be of that.
-        sure &= found.explained > _MOST_OF_IT
+        sure &= found.explained > MOST_OF_IT
     if not sure.any():
         return 0.0
     # The marble alone shows only their sum: an overestimated lag comes with an underestimated dead time.

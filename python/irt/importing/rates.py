@@ -19,13 +19,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.importing.conventions import DECIDED, GRID_S, MOST_DELAY_S, MOST_OFFSET_S, command_scales
+from irt.importing.conventions import (
+    DECIDED,
+    GRID_S,
+    MOST_DELAY_S,
+    MOST_OF_IT,
+    MOST_OFFSET_S,
+    command_scales,
+)
 from irt.importing.log import Held
 from irt.importing.regression import robust_fit, sandwich, time_blocks
 from irt.importing.weak_form import Map, Run
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Length of a window [s]: a few time constants of a motor, and far less than a drift takes.
 _WINDOW_S = 0.4
@@ -42,8 +48,6 @@ _MOVES = [(float(delay), lag) for lag in (0.0, 0.05, 0.1, 0.2) for delay in _DEL
 _STOP = 0.05
 #: Dead zones to try, as shares of the largest command.
 _DEAD = np.arange(0.0, 0.61, 0.05)
-#: Share of the changes that a rate has to explain: more than half.
-_MOST_OF_IT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +81,7 @@ def commands_to_rates(runs: Sequence[Run]) -> Rates | None:
     active = np.flatnonzero(scales > 0.0)
     choices = [windows.choice(axis, active) for axis in (0, 1)]
     known = [one for one in choices if one is not None]
-    if not known or min(one.explained for one in known) < _MOST_OF_IT:
+    if not known or min(one.explained for one in known) < MOST_OF_IT:
         return None
     by_angle, by_rate = (sum(squares) for squares in zip(*(one.squares for one in known), strict=True))
     if _agree(np.asarray(by_angle), np.asarray(by_rate), windows.blocks) < DECIDED:
