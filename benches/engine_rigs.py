@@ -26,11 +26,11 @@ import numpy as np
 import irt
 from irt.files import write_atomic
 from irt.proof.pybullet_world import spec
-from irt.proof.pybullet_world.engine import STEP_S, Base, Roll
+from irt.proof.pybullet_world.engine import STEP_S, Base, Engine, Rolling, Start
 from irt.proof.pybullet_world.physics import GRAVITY
 from irt.proof.pybullet_world.record import record
 
-#: Engines by name, each a module of `other_engines` with a class `Roll`.
+#: Engines by name, each a module of `other_engines` with a function `engine`.
 ENGINES = ("drake", "physx")
 #: Kinds of rigs in the order in which they are made, again and again.
 KINDS = ("none", "single", "single", "pair", "none", "single", "unlisted", "triple")
@@ -58,13 +58,13 @@ def main() -> None:
             write_atomic(args.out / "labels.json", json.dumps(labels, indent=1))
 
 
-def engine(name: str, rim: tuple[float, ...]) -> Roll:
+def engine(name: str, rim: tuple[float, ...]) -> Engine:
     """Return what moves marbles in an engine, whose rim may be another than its usual one."""
-    roll: Roll = importlib.import_module(f"other_engines.{name}").Roll(*rim)
-    return roll
+    found: Engine = importlib.import_module(f"other_engines.{name}").engine(*rim)
+    return found
 
 
-def check(roll: Roll) -> None:
+def check(by: Engine) -> None:
     """Raise an error unless a marble rolls down slopes as a sphere does, and rests where it should.
 
     Raises
@@ -74,8 +74,11 @@ def check(roll: Roll) -> None:
     """
     friction, steps = 0.004, 960
     for slope in (0.003, 0.02, 0.05):
-        tilts = np.tile([0.0, slope], (steps + 1, 1))
-        path = roll(Base(0.1, 0.1, friction, 20.0, 1.0), tilts, (-0.12, 0.0), [])
+        base, start = Base(0.1, 0.1, friction, 20.0, 1.0), Start((-0.12, 0.0), (0.0, slope))
+        with by.body(base, start, []) as body:
+            rolling = Rolling(body, base, start, [])
+            rolling.go(np.tile(start.tilt, (steps, 1)))
+        path = rolling.path()
         pull = 5.0 / 7.0 * GRAVITY * max(math.sin(slope) - friction, 0.0)
         # Away from the start, where the contact settles.
         speeds = np.diff(path[:, 0])[[100, 400]] / STEP_S

@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from irt.files import make_folder, write_atomic
-from irt.proof.pybullet_world.engine import Base, play
+from irt.proof.pybullet_world.engine import Base
 from irt.proof.pybullet_world.physics import EDGE_X_M
+from irt.proof.pybullet_world.played import play
 from irt.proof.pybullet_world.record import RIG_TOML
 from irt.proof.pybullet_world.spec import physics_of
 from irt.recording import save_recording

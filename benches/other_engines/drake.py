@@ -7,6 +7,7 @@ A marble rebounds the more the slower it is: at an approach speed v, Drake's rim
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 
 import numpy as np
 from pydrake.geometry import AddContactMaterial, Box, ProximityProperties, Sphere
@@ -22,7 +23,7 @@ from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from irt.proof.pybullet_world.engine import STEP_S, Base, follow, heavy_side
+from irt.proof.pybullet_world.engine import STEP_S, Base, Engine, Start, gravity, heavy_side
 from irt.proof.pybullet_world.physics import MASS_KG, RADIUS_M, Array, Physics
 from other_engines.board import SLIDING, boxes, resistance
 
@@ -32,25 +33,15 @@ STIFFNESS = 2e4
 DISSIPATION = 500.0
 
 
-class Roll:
-    """Moves the marble: a `Roll` of the concealed world."""
-
-    def __init__(self, dissipation: float = DISSIPATION) -> None:
-        self._dissipation = dissipation
-
-    def __call__(
-        self, base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequence[Physics]
-    ) -> Array:
-        """Return the marble's centre (steps + 1, 2) [m]."""
-        return follow(_Marble(base, start_m, hidden, self._dissipation), base, tilts, start_m, hidden)
+def engine(dissipation: float = DISSIPATION) -> Engine:
+    """Return Drake as an engine of the concealed world, with a dissipation of the rim [s/m]."""
+    return Engine(lambda base, start, hidden: nullcontext(_Marble(base, start, hidden, dissipation)))
 
 
 class _Marble:
     """The marble in Drake: a `Body` of the concealed world."""
 
-    def __init__(
-        self, base: Base, start_m: tuple[float, float], hidden: Sequence[Physics], dissipation: float
-    ) -> None:
+    def __init__(self, base: Base, start: Start, hidden: Sequence[Physics], dissipation: float) -> None:
         builder = DiagramBuilder()
         config = MultibodyPlantConfig(
             time_step=STEP_S, contact_model="point", discrete_contact_approximation="lagged"
@@ -72,16 +63,16 @@ class _Marble:
         self._simulator = Simulator(builder.Build())
         self._plant, self._steps = plant, 0
         self._context = plant.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
-        plant.SetPositions(self._context, np.array([1.0, 0.0, 0.0, 0.0, *start_m, RADIUS_M]))
+        plant.SetPositions(self._context, np.array([1.0, 0.0, 0.0, 0.0, *start.place_m, RADIUS_M]))
         self._applied = ExternallyAppliedSpatialForce()
         self._applied.body_index, self._applied.p_BoBq_B = body.index(), heavy
         self._friction = base.rolling_friction
         self.push(np.zeros(3), np.zeros(3), 1.0)
         self._simulator.Initialize()
 
-    def step(self, pull: Sequence[float]) -> Sequence[float]:
-        """Go on by a step under gravity (3,) [m/s^2]; return the marble's centre [m]."""
-        force = MASS_KG * (np.array(pull) + self._force)
+    def step(self, tilt: Sequence[float]) -> Sequence[float]:
+        """Go on by a step in which the board comes to tilts (2,) [rad]; return the marble's centre [m]."""
+        force = MASS_KG * (np.array(gravity(tilt)) + self._force)
         torque = MASS_KG * self._torque
         spin = self._plant.GetVelocities(self._context)[:3]
         against = resistance(spin, force, torque, self._friction * self._factor)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import nullcontext
 
 import numpy as np
 import sapien
@@ -19,7 +20,7 @@ from sapien.physx import (
     set_shape_config,
 )
 
-from irt.proof.pybullet_world.engine import STEP_S, Base, follow, heavy_side
+from irt.proof.pybullet_world.engine import STEP_S, Base, Engine, Start, gravity, heavy_side
 from irt.proof.pybullet_world.physics import MASS_KG, RADIUS_M, Array, Physics
 from other_engines.board import SLIDING, boxes, resistance
 
@@ -29,32 +30,25 @@ CONTACT_OFFSET_M = 0.002
 ITERATIONS = 20, 4
 
 
-class Roll:
-    """Moves the marble: a `Roll` of the concealed world."""
-
-    def __init__(self) -> None:
-        scene = PhysxSceneConfig()
-        scene.gravity, scene.enable_tgs, scene.enable_pcm = np.zeros(3, np.float32), True, True
-        set_scene_config(scene)
-        body = PhysxBodyConfig()
-        body.sleep_threshold = 0.0
-        body.solver_position_iterations, body.solver_velocity_iterations = ITERATIONS
-        set_body_config(body)
-        shape = PhysxShapeConfig()
-        shape.contact_offset, shape.rest_offset = CONTACT_OFFSET_M, 0.0
-        set_shape_config(shape)
-
-    def __call__(
-        self, base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequence[Physics]
-    ) -> Array:
-        """Return the marble's centre (steps + 1, 2) [m]."""
-        return follow(_Marble(base, start_m, hidden), base, tilts, start_m, hidden)
+def engine() -> Engine:
+    """Return PhysX as an engine of the concealed world."""
+    scene = PhysxSceneConfig()
+    scene.gravity, scene.enable_tgs, scene.enable_pcm = np.zeros(3, np.float32), True, True
+    set_scene_config(scene)
+    body = PhysxBodyConfig()
+    body.sleep_threshold = 0.0
+    body.solver_position_iterations, body.solver_velocity_iterations = ITERATIONS
+    set_body_config(body)
+    shape = PhysxShapeConfig()
+    shape.contact_offset, shape.rest_offset = CONTACT_OFFSET_M, 0.0
+    set_shape_config(shape)
+    return Engine(lambda base, start, hidden: nullcontext(_Marble(base, start, hidden)))
 
 
 class _Marble:
     """The marble in PhysX: a `Body` of the concealed world."""
 
-    def __init__(self, base: Base, start_m: tuple[float, float], hidden: Sequence[Physics]) -> None:
+    def __init__(self, base: Base, start: Start, hidden: Sequence[Physics]) -> None:
         self._scene = sapien.Scene([PhysxCpuSystem()])
         self._scene.set_timestep(STEP_S)
         material = PhysxMaterial(SLIDING, SLIDING, 0.0)
@@ -66,7 +60,7 @@ class _Marble:
         density = MASS_KG / (4.0 / 3.0 * math.pi * RADIUS_M**3)
         sphere.add_sphere_collision(radius=RADIUS_M, material=material, density=density)
         self._marble = sphere.build()
-        self._marble.set_pose(sapien.Pose([*start_m, RADIUS_M]))
+        self._marble.set_pose(sapien.Pose([*start.place_m, RADIUS_M]))
         self._body = self._marble.find_component_by_type(PhysxRigidDynamicComponent)
         self._body.set_mass(MASS_KG)
         self._body.set_inertia([0.4 * MASS_KG * RADIUS_M**2] * 3)
@@ -76,9 +70,9 @@ class _Marble:
         self._friction = base.rolling_friction
         self.push(np.zeros(3), np.zeros(3), 1.0)
 
-    def step(self, pull: Sequence[float]) -> Sequence[float]:
-        """Go on by a step under gravity (3,) [m/s^2]; return the marble's centre [m]."""
-        force, torque = MASS_KG * (np.array(pull) + self._force), MASS_KG * self._torque
+    def step(self, tilt: Sequence[float]) -> Sequence[float]:
+        """Go on by a step in which the board comes to tilts (2,) [rad]; return the marble's centre [m]."""
+        force, torque = MASS_KG * (np.array(gravity(tilt)) + self._force), MASS_KG * self._torque
         spin = np.asarray(self._body.angular_velocity, dtype=np.float64)
         against = resistance(spin, force, torque, self._friction * self._factor)
         self._body.add_force_torque(force, torque + against)

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from irt.files import make_folder, write_atomic
 from irt.proof.pybullet_world import noise
 from irt.proof.pybullet_world.effects import EFFECTS
-from irt.proof.pybullet_world.engine import play
+from irt.proof.pybullet_world.played import Commands, play
 from irt.proof.pybullet_world.record import RIG_TOML
 from irt.proof.pybullet_world.spec import Spec
 from irt.recording import save_recording
@@ -92,13 +92,15 @@ def record(rig: int, seed: int, folder: Path, *, whole: bool) -> dict[str, Any]:
 
 def _run(spec: Spec, run: int, *, paper: bool) -> tuple[Array, Array]:
     """Return the commands and the tracked positions of a run."""
+    commands: Commands
     if paper:
         phase = 2.0 * np.pi * np.arange(ROWS) / ROWS
         commands, start = AMPLITUDE * np.stack([np.sin(phase), np.cos(phase)], axis=1), (0.0, 0.0)
     else:
         commands, start = replace(spec, starts="anywhere").excitation(run)
     played = play(spec.base, commands, start, spec.hidden, spec.random(run, 1))
-    return commands, played.seen + spec.sigma * noise.noise("white", len(commands), spec.random(run, 2))
+    noisy = played.seen + spec.sigma * noise.noise("white", len(played.seen), spec.random(run, 2))
+    return played.commands, noisy
 
 
 def serve(requests: Iterable[str], answers: TextIO) -> None:

@@ -14,9 +14,9 @@ from scipy.optimize import least_squares
 from irt.proof.pybullet_world import camera
 from irt.proof.pybullet_world.__main__ import serve
 from irt.proof.pybullet_world.effects import EFFECTS
-from irt.proof.pybullet_world.engine import Played
 from irt.proof.pybullet_world.out_of_catalogue import BEYOND
 from irt.proof.pybullet_world.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array, acts
+from irt.proof.pybullet_world.played import Played
 from irt.proof.pybullet_world.record import record
 from irt.proof.pybullet_world.spec import Spec
 from irt.tracking import positions
@@ -38,7 +38,7 @@ def spec_with(*effects: Mapping[str, object]) -> Spec:
 
 
 def some(played: Played, every: int) -> Played:
-    return Played(played.places[::every], played.tilts[::every], played.seen[::every])
+    return Played(*(each[::every] for each in vars(played).values()))
 
 
 @pytest.mark.parametrize("name", SENSING)

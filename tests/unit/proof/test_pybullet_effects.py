@@ -10,8 +10,9 @@ import pytest
 import irt
 from irt.catalogue import effect, hypothetical
 from irt.proof.pybullet_world.effects import EFFECTS
-from irt.proof.pybullet_world.engine import Base, Played, play
+from irt.proof.pybullet_world.engine import Base
 from irt.proof.pybullet_world.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M
+from irt.proof.pybullet_world.played import Played, play
 from irt.proof.pybullet_world.spec import physics_of
 
 pytest.importorskip("pybullet", reason="PyBullet has wheels up to Python 3.11 only: pip install pybullet")

@@ -18,9 +18,9 @@ from irt.proof.pybullet_world import drives, noise
 from irt.proof.pybullet_world import spec as specs
 from irt.proof.pybullet_world.__main__ import _is_watched, further, make, serve
 from irt.proof.pybullet_world.effects import EFFECTS
-from irt.proof.pybullet_world.engine import play
 from irt.proof.pybullet_world.out_of_catalogue import BEYOND
 from irt.proof.pybullet_world.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M
+from irt.proof.pybullet_world.played import play
 from irt.proof.pybullet_world.record import Recorded, record
 from irt.proof.pybullet_world.spec import Spec, draw, physics_of
 from irt.recording import load_recording

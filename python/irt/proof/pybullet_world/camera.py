@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .effects.camera import Parallax
-from .engine import Played, bullet
+from .in_pybullet import bullet
 from .out_of_catalogue import Yaw
 from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array
+from .played import Played
 from .spec import Spec
 
 Picture = NDArray[np.uint8]

@@ -13,8 +13,8 @@ import numpy as np
 
 from . import camera, noise
 from .camera import Picture
-from .engine import Played, play
 from .physics import EDGE_X_M, EDGE_Y_M, MASS_KG, RADIUS_M, Array
+from .played import Played, play
 from .spec import TEST, TRAIN, Spec
 
 #: A tracker of rendered runs. Its arguments are the calibration's picture of the board, one from before the
@@ -165,7 +165,7 @@ def record(spec: Spec, watch: Watch | None = None) -> Recorded:
         signal = float(np.mean([spec.missed(run, played[run]) for run in range(TRAIN)])) / sigma
     return Recorded(
         spec=spec,
-        commands=np.array([spec.excitation(run)[0] for run in runs]),
+        commands=np.array([one.commands for one in played]),
         clean=clean,
         seen=np.array([_jumped(spec, run, seen[run]) for run in runs]),
         sigma=sigma,
@@ -192,7 +192,7 @@ def record_further(spec: Spec, csv: str, watch: Watch | None = None) -> str:
         raise ValueError("a run to record needs a command in every row, and a position in row 0")
     x, y = np.clip(shown * EDGE_X_M / spec.observation_scale, -room, room)
     start_m, random = (float(x), float(y)), spec.random(FURTHER, 1)
-    played = play(spec.base, commands, start_m, spec.hidden, random, rolled=spec.rolled)
+    played = play(spec.base, commands, start_m, spec.hidden, random, engine=spec.moved_by)
     if watch is not None and spec.through_camera:
         ((seen,), _) = _watched(spec, [played], watch, FURTHER)
     else:

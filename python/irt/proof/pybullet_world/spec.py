@@ -9,11 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from . import drives, in_mujoco, noise
+from . import drives, noise
+from .controller import Controller
 from .effects import EFFECTS
-from .engine import Base, Played, Roll, play, roll
+from .engine import Base, Engine
+from .in_mujoco import MUJOCO
+from .in_pybullet import PYBULLET
 from .out_of_catalogue import BEYOND
-from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array, Physics
+from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Physics
+from .played import Commands, Played, play
 
 TRAIN, TEST = 8, 4
 KINDS = ("none", "outliers", "single", "pair", "triple", "unlisted")
@@ -25,8 +29,10 @@ PROBES, HOPELESS = (0, 3, 6, 9), 0.25
 #: largest fifth of their range and noise from the smallest.
 DRAWS, GROWS = 2, 9
 
-#: The engines.
-ENGINES: dict[str, Roll] = {"pybullet": roll, "mujoco": in_mujoco.roll}
+#: The drive of a controller that sees the marble, and the share of rigs that have it.
+CONTROLLED, CONTROLLED_SHARE = "controller", 1.0 / 3.0
+
+ENGINES: dict[str, Engine] = {"pybullet": PYBULLET, "mujoco": MUJOCO}
 
 _KNOWN = {one.name: one for one in (*EFFECTS, *BEYOND)}
 _ORDER = list(_KNOWN)
@@ -53,7 +59,7 @@ class Spec:
     noise, sigma : str, float
         Kind of tracker noise, and its standard deviation [board edges].
     drive : str
-        A kind of excitation, or "mixed".
+        A kind of excitation, "mixed" for a kind by run, or "controller".
     starts : str
         "centre" or "anywhere", always at rest.
     through_camera : bool
@@ -92,15 +98,24 @@ class Spec:
         )
 
     def random(self, run: int, what: int) -> np.random.Generator:
-        """Return the random generator of a run's drive (0), random physics (1) or noise (2)."""
+        """Return a run's generator of its drive (0), random physics (1), noise, outliers, controller (4)."""
         return np.random.default_rng([self.seed, run, what])
 
-    def excitation(self, run: int) -> tuple[Array, tuple[float, float]]:
-        """Return a run's commands (rows, 2) [rad] and start position [m]."""
-        random = self.random(run, 0)
+    @property
+    def moved_by(self) -> Engine:
+        """What moves the marble."""
+        return ENGINES[self.engine]
+
+    def excitation(self, run: int) -> tuple[Commands, tuple[float, float]]:
+        """Return a run's commands as of `play`, and its start position [m]."""
+        random, gears = self.random(run, 0), (self.gear_x, self.gear_y)
         kinds = list(drives.DRIVES)
         kind = kinds[int(random.integers(len(kinds)))] if self.drive == "mixed" else self.drive
-        commands = drives.drive(kind, random, (self.gear_x, self.gear_y), self.base.row_s)
+        commands: Commands
+        if kind == CONTROLLED:
+            commands = Controller(gears, self.base.row_s, self.sigma, self.random(run, 4)), drives.ROWS
+        else:
+            commands = drives.drive(kind, random, gears, self.base.row_s)
         # With starts anywhere one run in four still begins in the centre, and the reverse.
         other = {"centre": "anywhere", "anywhere": "centre"}[self.starts]
         return commands, drives.start(other if run % 4 == 3 else self.starts, random)
@@ -108,12 +123,7 @@ class Spec:
     def play(self, run: int) -> Played:
         """Simulate a run."""
         commands, start_m = self.excitation(run)
-        return play(self.base, commands, start_m, self.hidden, self.random(run, 1), rolled=self.rolled)
-
-    @property
-    def rolled(self) -> Roll:
-        """What moves the marble."""
-        return ENGINES[self.engine]
+        return play(self.base, commands, start_m, self.hidden, self.random(run, 1), engine=self.moved_by)
 
     def missed(self, run: int, played: Played, without: Sequence[str] = ()) -> float:
         """Return the distance of a run from the same run without some of its physics [board edges].
@@ -122,13 +132,13 @@ class Spec:
         physics is left out.
         """
         left = tuple(one for one in self.hidden if without and one.name not in without)
-        commands, start_m = self.excitation(run)
+        _, start_m = self.excitation(run)
         if not left:
             room = np.array([EDGE_X_M, EDGE_Y_M]) / 2.0 - RADIUS_M
             seen = played.seen[0] * EDGE_X_M / self.observation_scale
             x, y = np.clip(seen, -room, room)
             start_m = float(x), float(y)
-        plain = play(self.base, commands, start_m, left, self.random(run, 1), rolled=self.rolled)
+        plain = play(self.base, played.commands, start_m, left, self.random(run, 1), engine=self.moved_by)
         return float(np.abs(played.seen - plain.seen).mean())
 
     def to_json(self) -> dict[str, Any]:
@@ -246,6 +256,12 @@ def _plain(random: np.random.Generator, name: str, most: float = 1.0) -> Spec:
         observation_scale=float(random.uniform(0.94, 1.06)),
         noise=noise.kind(random),
         sigma=noise.size(random, most),
-        drive="mixed" if random.random() < 0.7 else str(random.choice(list(drives.DRIVES))),
+        drive=_drive(random),
         starts="anywhere" if random.random() < 0.6 else "centre",
     )
+
+
+def _drive(random: np.random.Generator) -> str:
+    if random.random() < CONTROLLED_SHARE:
+        return CONTROLLED
+    return "mixed" if random.random() < 0.7 else str(random.choice(list(drives.DRIVES)))
