@@ -255,7 +255,7 @@ def _recorder(args: argparse.Namespace) -> str:
         return f"`{args.world}`"
     engines = f"PyBullet {version('pybullet')}"
     if args.full:
-        others = f"in MuJoCo {version('mujoco')}, and in PyBullet through a camera"
+        others = f"in MuJoCo {version('mujoco')}, whose board turns, and in PyBullet through a camera"
         engines = f"a third each in {engines}, {others}"
     return f"{engines} (`irt.proof.pybullet_world`), in a separate process"
 

@@ -35,6 +35,8 @@ from irt.rig import Board
 
 #: The paper's board, for noise in millimetres.
 _EDGE_MM = 1e3 * Board.edge_x_m
+#: The drive of rigs that a controller leads, as a concealed world names it.
+CONTROLLED = "controller"
 _NOISES_MM = (0.0, 0.3, 0.6, 1.0, 2.5)
 _ALL = "all"
 
@@ -123,7 +125,11 @@ def _unlisted(scores: Sequence[RigScore]) -> Iterator[str]:
 
 
 def _cuts(known: Sequence[RigScore]) -> Iterator[tuple[str, list[RigScore]]]:
-    """Yield groups of rigs by the noise of the tracker."""
+    """Yield groups of rigs by what commanded their knobs, and by the noise of the tracker."""
+    for words, is_one in (("drawn beforehand", False), ("of a controller that sees the marble", True)):
+        inside = [one for one in known if one.drive and (one.drive == CONTROLLED) is is_one]
+        if inside:
+            yield f"commands {words}", inside
     for noise in sorted({one.noise for one in known}):
         yield f"{noise} noise", [one for one in known if one.noise == noise]
     for low, high in itertools.pairwise(_NOISES_MM):

@@ -112,9 +112,9 @@ class RigScore:
     budget : Budget or None
         Where the base model's error goes; None without hidden effects of the catalogue, with random ones, or
         if the diagnosis has no budget of complete runs.
-    noise, sigma, through_camera, engine
-        Kind of tracker noise, its standard deviation [board edges], whether pictures were tracked, and the
-        engine that recorded it; empty if the world does not say.
+    noise, sigma, through_camera, engine, drive
+        Kind of tracker noise, its standard deviation [board edges], whether pictures were tracked, the engine
+        that recorded it, and what commanded its knobs; the last two are empty if the world does not say.
     seconds : float
         CPU time of the diagnosis on one core [s].
     reason : str
@@ -144,6 +144,7 @@ class RigScore:
     sigma: float = math.nan
     through_camera: bool = False
     engine: str = ""
+    drive: str = ""
     seconds: float = math.nan
     reason: str = ""
     unread: tuple[str, ...] = ()
@@ -186,6 +187,7 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
         "sigma": math.nan if label["sigma"] is None else float(label["sigma"]),
         "through_camera": bool(label.get("through_camera", False)),
         "engine": str(label.get("engine", "")),
+        "drive": str(label.get("drive", "")),
     }
     if (answer / FAILED).exists():
         unread, why = _unread(label)

@@ -6,10 +6,10 @@ For a request
 
 it writes the rig's recordings and ``rig.toml`` into the folder, and answers ``{"label": {...}}``: ``kind``
 (an effect, a list of effects, ``none``, ``outliers`` or ``unlisted_...``), ``truth`` (parameters by name,
-``effects``), ``sigma`` of the tracker [board edges], ``noise``, ``through_camera``, and ``tests`` by name,
-each with its ``csv`` and the ``clean`` path [board edges]. ``lost`` names the runs that its tracker could not
-read, with the reasons; their cells are empty, and ``sigma`` is null if there is no other run. Such a rig is
-sealed like any other. Its diagnosis fails, which counts.
+``effects``), ``sigma`` of the tracker [board edges], ``noise``, ``drive``, ``through_camera``, and ``tests``
+by name, each with its ``csv`` and the ``clean`` path [board edges]. ``lost`` names the runs that its tracker
+could not read, with the reasons; their cells are empty, and ``sigma`` is null if there is no other run. Such
+a rig is sealed like any other. Its diagnosis fails, which counts.
 
 A world may also record further runs of its rigs. For a request
 ``{"record": {"index": 3, "kind": "...", "seed": 7, "csv": "..."}}`` with commands and a start in row 0 it

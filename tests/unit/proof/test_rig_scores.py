@@ -147,6 +147,7 @@ def opened(tmp_path: Path):
         "truth": {"gear_x": 0.06, "effects": [BIAS]},
         "sigma": SIGMA,
         "noise": "heavy",
+        "drive": "controller",
         "through_camera": True,
         "tests": {"test-1": {"csv": "", "clean": clean.tolist()}},
     }
@@ -186,7 +187,8 @@ def test_errors_on_runs_held_out(opened) -> None:
     share = ((begun - clean) ** 2).mean() / ((begun - path) ** 2).mean()
     assert again.budget.true_tracker == pytest.approx(share, rel=1e-3)
     assert again.budget.true_effects == pytest.approx(1.0 - share, rel=1e-3)
-    assert (score.noise, score.through_camera, score.seconds) == ("heavy", True, 2.5)
+    assert (score.noise, score.drive) == ("heavy", "controller")
+    assert (score.through_camera, score.seconds) == (True, 2.5)
     assert json.dumps(score.as_dict(), allow_nan=False)
 
 

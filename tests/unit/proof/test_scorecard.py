@@ -34,11 +34,12 @@ def results(scores) -> Results:
                 inclusion={"delay": 0.95, "lag": 0.02},
                 budget=Budget(0.9, 0.1, 0.95, 0.05),
                 engine=engine,
+                drive="mixed",
             )
             for engine in ["pybullet"] * 3
         ],
         score(inclusion={"lag": 0.95, "bump": 0.02}, engine="mujoco"),
-        score(named=("lag",), ties={"lag": ["latency"]}, exact=False, found=False, noise="heavy"),
+        score(named=("lag",), ties={"lag": ["latency"]}, exact=False, found=False, drive="controller"),
         score(verdict="failed", found=False, exact=False, named=(), errors=None, reason="a | b"),
         score("pair", named=("delay",), found=False, through_camera=True),
         score("unlisted", verdict="unlisted", named=("unlisted",), inclusion={"lag": 0.05}),
@@ -105,6 +106,8 @@ def test_answers_by_world(page: Path) -> None:
     cells = ("100.0 % (43.9 to 100.0) of 3", "100.0 % (20.7 to 100.0) of 1", "", "66.7 % (30.0 to 90.3) of 6")
     assert f"| one effect | {' | '.join(cells)} |" in lines
     assert "| x | 1 | 1 | 0.99 |" in lines
+    assert "| commands drawn beforehand | 3 | 100.0 % (43.9 to 100.0) |" in lines
+    assert "| commands of a controller that sees the marble | 1 | 0.0 % (0.0 to 79.3) |" in lines
 
 
 def test_calibration_is_counted_by_decile_and_unlisted_rigs_stand_apart(page: Path) -> None:
