@@ -8,10 +8,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.checking.responses import SHARE, Z, correction, delays_to_try, has_free_signs, marble_signals
+from irt.checking.responses import (
+    SHARE,
+    Z,
+    correction,
+    delays_to_try,
+    has_free_signs,
+    likelier_by,
+    marble_signals,
+)
 from irt.checking.result import Finding
 from irt.checking.runs import row_step
-from irt.conventions import CONVENTIONS, FITTED, Convention, Response, Signals, fit_acceleration
+from irt.conventions import CONVENTIONS, Convention, Signals, fit_acceleration
 from irt.recording import MARBLE
 from irt.rig import Rig
 
@@ -56,13 +64,16 @@ def odd_runs(
             continue
         turned = [_turned(signals[one], alone.best) if one == number else signals[one] for one in seen]
         other = fit_acceleration(turned, delays)
-        if other is not None and _nats(together, other) >= _LIKELIER:
+        if other is None:
+            continue
+        declared, turned_share = float(together.shares[0]), float(other.shares[0])
+        if likelier_by(turned_share, declared, min(together.blocks, other.blocks)) >= _LIKELIER:
             found.append(
                 Finding(
                     "warning",
                     "its axes differ from those of the other runs: the declared axes explain "
-                    f"{100 * max(together.shares[0], 0.0):.0f} % of all motion with this run as it is, and "
-                    f"{100 * other.shares[0]:.0f} % with it corrected",
+                    f"{100 * max(declared, 0.0):.0f} % of all motion with this run as it is, and "
+                    f"{100 * turned_share:.0f} % with it corrected",
                     run.name,
                     f"to make it agree, {correction(alone.best, rig.recordings[0].columns, MARBLE)}",
                 )
@@ -74,10 +85,3 @@ def _turned(run: Signals, convention: Convention) -> Signals:
     """Return a run with the columns swapped and the signs changed that a convention names."""
     inputs = run.inputs[:, ::-1] if convention.swapped else run.inputs
     return replace(run, inputs=inputs, outputs=run.outputs * np.array(convention.signs))
-
-
-def _nats(declared: Response, other: Response) -> float:
-    """Return the log likelihood ratio of another fit of the same rows against the declared one [nats]."""
-    blocks = min(declared.blocks, other.blocks)
-    left = [max(1.0 - float(one.shares[0]), 1e-12) for one in (declared, other)]
-    return max(blocks - FITTED, 0) * float(np.log(left[0] / left[1]))

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.checking.responses import CERTAIN, SURE, delays_to_try, marble_signals
+from irt.checking.responses import CERTAIN, SURE, delays_to_try, likelier_by, marble_signals
 from irt.checking.result import Finding
 from irt.checking.runs import row_step
-from irt.conventions import FITTED, Signals, fit_level, resampled
+from irt.conventions import Signals, fit_level, resampled
 from irt.rig import Rig
 
 Array = NDArray[np.float64]
@@ -65,10 +65,7 @@ def rate_findings(
         return []
     shares = [float(one.shares.max()) for one in known]
     explained = (shares[0], max(shares[1:]))
-    # A share of exactly 1 is rounding.
-    left = np.maximum(1.0 - np.array(explained), 1e-12)
-    nats = max(known[0].blocks - FITTED, 0) * np.log(left[1] / left[0])
-    if explained[0] < SURE or nats < CERTAIN:
+    if explained[0] < SURE or likelier_by(*explained, known[0].blocks) < CERTAIN:
         return []
     names = " and ".join(rig.recordings[0].columns)
     what = "the measured tilt" if is_measured else "the marble's acceleration"

@@ -230,7 +230,9 @@ def _contradiction(answer: Answer, guilty: tuple[str, str] | None) -> Finding:
         crossed = facts.outputs == MARBLE
         names = (guilty[1], guilty[0]) if crossed else guilty
         advice = correction(found, guilty, names)
-    certain = _nats(answer.response) >= CERTAIN and facts.best_explained >= SURE
+    response = answer.response
+    nats = likelier_by(float(response.shares.max()), float(response.shares[0]), response.blocks)
+    certain = nats >= CERTAIN and facts.best_explained >= SURE
     return Finding(
         "error" if certain else "warning",
         f"{_listed(facts.inputs)} move {_listed(facts.outputs)} against physics: of the eight ways to name "
@@ -241,15 +243,15 @@ def _contradiction(answer: Answer, guilty: tuple[str, str] | None) -> Finding:
     )
 
 
-def _nats(response: Response) -> float:
-    """Return the log likelihood ratio of the best convention against the declared one [nats].
+def likelier_by(explained: float, declared: float, blocks: int) -> float:
+    """Return the log likelihood ratio of a fit against the declared one, by their explained shares [nats].
 
-    Both likelihoods are normal with the residual variance of their convention. The degrees of freedom are the
-    nearly independent blocks minus the fitted columns.
+    Both likelihoods are normal with the residual variance of their fit. The degrees of freedom are the nearly
+    independent blocks minus the fitted columns.
     """
     # A share of exactly 1 is rounding.
-    left = np.maximum(1.0 - response.shares, 1e-12)
-    return float(max(response.blocks - FITTED, 0) * np.log(left[0] / left.min()))
+    left, before = max(1.0 - explained, 1e-12), max(1.0 - declared, 1e-12)
+    return max(blocks - FITTED, 0) * float(np.log(before / left))
 
 
 def _or_command(found: Convention, inputs: tuple[str, str]) -> str:
