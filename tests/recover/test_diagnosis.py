@@ -9,6 +9,7 @@ import pytest
 import irt
 from irt.diagnosis import config
 from irt.diagnosis.dataset import Dataset
+from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.score import Scores
 from irt.diagnosis.selection import Selection
 from irt.diagnosis.terms import AT_RIM
@@ -184,10 +185,18 @@ def test_inertial_forces_of_a_turning_board_are_modelled_and_not_named(gear_y_by
 def test_inertial_forces_are_added_to_a_set_where_they_act(turns):
     inertia = [{"name": "inertial_forces", "rate_per_s": 60.0}] if turns else []
     scores = Scores(Dataset.of(hidden(*inertia, runs=3, limit=0.12), seed=0, threads=1))
-    selection, base = Selection(scores, (), lambda _: None), scores.base()
+    selection, base = Selection(scores, ("inertial_forces",), lambda _: None), scores.base()
     found = selection.with_inertia(base)
     assert found.effects == (("inertial_forces",) if turns else ())
     assert found.score >= base.score
+    # They need no proof by held-out recordings, but some other fit may have undone them.
+    relevance = Relevance(selection, selection.run())
+    assert relevance.kept(found)[0] is found
+    if turns:
+        values = found.top.values.copy()
+        values[found.names.index("inertial_forces.rate_per_s")] = 0.0
+        undone = replace(found, top=replace(found.top, values=values))
+        assert relevance.kept(undone)[0].effects == ()
 
 
 @pytest.mark.slow

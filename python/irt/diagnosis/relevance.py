@@ -17,6 +17,7 @@ from irt.diagnosis.selection import Selection
 from irt.diagnosis.sets import Posterior
 from irt.diagnosis.ties import Tie, exchanged
 from irt.diagnosis.validation import Validation
+from irt.fitting.effect_size import sizes_of
 from irt.fitting.problem import in_unit_of
 from irt.model import Parameter
 
@@ -33,7 +34,8 @@ class Relevance:
     the neutral value, if it is chosen again without most of the recordings, and if it is needed: the held-out
     error increases without it by a share of the tracker's noise, or the held-out recordings are certainly
     likelier with it, and by more than engines with equal physics differ, or it moves predictions by the
-    tracker's noise. Inertial forces need no such proof: they act on every board that turns.
+    tracker's noise. Inertial forces need no such proof, unless their fitted value is the neutral one: they
+    act on every board that turns.
 
     Attributes
     ----------
@@ -250,6 +252,8 @@ class Relevance:
         """Return a superfluous effect of a set, and whether it matters; None if there is none."""
         if not one.effects:
             return None
+        if INERTIA in one.effects and _is_neutral(one, INERTIA):
+            return INERTIA, False
         found, _ = self.parameters(one)
         losses = {name: self.loss(one, name) for name in one.effects if name != INERTIA}
         for name in sorted(losses, key=lambda name: losses[name]):
@@ -262,3 +266,9 @@ class Relevance:
             if not (matters and self._is_probable(name)):
                 return name, matters
         return None
+
+
+def _is_neutral(one: Scored, name: str) -> bool:
+    """Whether an effect of a set was fitted at its neutral value."""
+    values = one.fitted.value_of(name)
+    return all(values[size.name] == size.neutral for size in sizes_of(name))
