@@ -12,10 +12,9 @@ from .engine import STEP_S, Base, Engine, Rolling, Start
 from .in_pybullet import PYBULLET
 from .physics import EDGE_X_M, Array, Physics
 
-#: Answers the last picture, a position (2,) [board edges], by the next row's command (2,) [rad].
-Controller = Callable[[Array], Array]
-#: Knob angles (n, 2) [rad], each from its row to the next; or a controller and a number of rows.
-Commands = Array | tuple[Controller, int]
+#: Knob angles (n, 2) [rad], each from its row to the next; or a controller, which answers the last picture, a
+#: position (2,) [board edges], by the next row's command (2,) [rad], and a number of rows.
+Commands = Array | tuple[Callable[[Array], Array], int]
 
 
 @dataclass(frozen=True)
@@ -76,17 +75,13 @@ def play(
     arrivals = arrival_times(rows, hidden, random or np.random.default_rng(0))
     bell = _bell(engine.turn_s)
 
-    def wanted(steps: int) -> Array:
-        """Return the tilts (steps + 1, 2) [rad] that the commands so far ask of the board."""
-        return tilt(base, mean_commands(issued, arrivals, steps), hidden)
-
-    def turned(steps: int) -> Array:
-        """Return the board's tilts (steps + 1, 2) [rad] by the commands so far."""
-        return _smooth(wanted(steps + len(bell) // 2), bell)
+    def asked(steps: int) -> Array:
+        """Return tilts [rad] that the commands so far ask of the board: of steps, and of half a bell more."""
+        return tilt(base, mean_commands(issued, arrivals, steps + len(bell) // 2), hidden)
 
     def shown(moments: Array) -> tuple[Array, Array, Array]:
         """Return places, tilts and perfect positions (n, 2) in pictures that were exposed at moments [s]."""
-        path, tilts = rolling.path(), wanted(rolling.steps)
+        path = rolling.path()
         times = STEP_S * np.arange(len(path))
         places = np.stack([np.interp(moments, times, path[:, axis]) for axis in (0, 1)], axis=1)
         # A picture at the time of a change of the board shows the board before it.
@@ -96,15 +91,18 @@ def play(
             seen = one.see(seen, then)
         return places, then, seen
 
-    x, y = turned(0)[0].tolist()
+    tilts = asked(0)
+    x, y = _smooth(tilts, bell)[0].tolist()
     start = Start(start_m, (x, y))
     with engine.body(base, start, hidden) as body:
         rolling = Rolling(body, base, start, hidden)
 
         def until(moment: float) -> None:
+            nonlocal tilts
             steps = max(1, math.ceil(moment / STEP_S - 1e-9))
             if steps > rolling.steps:
-                rolling.go(turned(steps)[rolling.steps + 1 :])
+                tilts = asked(steps)
+                rolling.go(_smooth(tilts, bell)[rolling.steps + 1 :])
 
         if controller is not None:
             for row in range(1, count):
