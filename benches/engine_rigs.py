@@ -1,6 +1,6 @@
 """Make rigs with hidden physics whose marble is moved by another engine, for `benches/diagnosis.py`.
 
-    .venv/bin/pip install drake sapien
+    .venv/bin/pip install drake sapien dartpy
     .venv/bin/python benches/engine_rigs.py drake concealed --seed 1 --jobs 2
     OMP_NUM_THREADS=1 .venv/bin/python benches/diagnosis.py concealed --out diagnosed --jobs 2
 
@@ -31,7 +31,7 @@ from irt.proof.pybullet_world.physics import GRAVITY
 from irt.proof.pybullet_world.record import record
 
 #: Engines by name, each a module of `other_engines` with a function `engine`.
-ENGINES = ("drake", "physx")
+ENGINES = ("drake", "physx", "dart")
 #: Kinds of rigs in the order in which they are made, again and again.
 KINDS = ("none", "single", "single", "pair", "none", "single", "unlisted", "triple")
 
