@@ -58,8 +58,8 @@ MENTIONED, PLAUSIBLE = 0.01, 6
 #: Largest difference of log posteriors between sets that tie for any held-out errors [nats]: odds of 20 to 1.
 #: A larger one is enough for one more effect if the held-out recordings agree on it.
 TIE = 3.0
-#: Smallest deviation of a law of impacts from neutral, as a share of its range, that is distinct from the
-#: contact solver of an engine: rapier's walls without restitution are fitted as 0.05 to 0.11.
+#: A law of impacts is distinct from the contact solver of an engine if its interval is farther than this from
+#: neutral, as a share of its range: walls without restitution are fitted as 0.05 to 0.11 in rapier.
 LEAST_OF_IMPACTS = 0.15
 #: Steps of a fit without one recording; it starts at the fit to all recordings.
 REFIT = 12

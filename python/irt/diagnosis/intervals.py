@@ -315,7 +315,7 @@ def is_named(info: EffectInfo, found: dict[str, Parameter]) -> bool:
     """Whether an effect is distinct from its absence, and from what engines differ by.
 
     Rebounds from the rim differ between engines, and between any engine and a rig. A law of impacts that is
-    within these differences is a part of the model, but no missing physics.
+    within these differences, or may be, is a part of the model, but no missing physics.
     """
     if not is_distinct(info, found):
         return False
@@ -323,7 +323,10 @@ def is_named(info: EffectInfo, found: dict[str, Parameter]) -> bool:
         return True
     law = info.required[0]
     least = config.LEAST_OF_IMPACTS * (law.high - law.low)
-    return abs(found[f"{info.name}.{law.name}"].value - law.neutral) > least
+    known = found[f"{info.name}.{law.name}"]
+    if known.low is None or known.high is None:
+        return False
+    return max(known.low - law.neutral, law.neutral - known.high) > least
 
 
 def is_distinct(info: EffectInfo, found: dict[str, Parameter]) -> bool:

@@ -161,18 +161,26 @@ class Relevance:
         Delay jitter does not improve predictions, so only its likelihood counts. It must be finite: the
         spread must be compatible with the mean, also for values from free runs. Likelihoods alone do not
         count if the recordings agree that errors are smaller without the effect: then the random push, which
-        the likelihoods contain, stands for something else. Nor do they if the mean effect of jitter predicts
-        better without a spread: then delays only seem random.
+        the likelihoods contain, stands for something else.
         """
         noise, without = one.dataset.noise, self.without(one, name)
         if name == JITTER:
-            return math.isfinite(one.score) and self.loss(one, name) > -config.MATTERS * noise
+            return math.isfinite(one.score) and not self._only_seems_random(one)
         if self.loss(one, name) >= config.MATTERS * noise and self._is_certain(one, name):
             return True
         if not self.validation.is_likelier(one, without) or self.validation.is_better(without, one):
             return False
         gain = float(self.validation.likelihood_gains(one, without).sum())
         return gain > config.CLOSE or self.validation.difference(one, without) >= noise
+
+    def _only_seems_random(self, one: Scored) -> bool:
+        """Whether held-out recordings are predicted better by the mean effect of jitter without a spread.
+
+        By as much as an effect has to matter, and not by chance: complete runs part at the rim and where a
+        delay happens to be long, so the windows have to agree.
+        """
+        is_worse = self.loss(one, JITTER) <= -config.MATTERS * one.dataset.noise
+        return is_worse and self.validation.windows_agree(self.without(one, JITTER), one)
 
     def _is_chosen_again(self, one: Scored, name: str) -> bool:
         """Whether the set without an effect is left for the set with it without most recordings, too.

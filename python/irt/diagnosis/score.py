@@ -88,14 +88,22 @@ class Scored:
     def score(self) -> float:
         """The log posterior of the set, up to a constant [nats]; minus infinity if delays would be negative.
 
-        The spread of nonnegative delays is not much larger than their mean. Spinning friction is maximised
-        instead of integrated over, like the noise sizes, because its posterior has no width at zero.
+        The spread of nonnegative delays is not much larger than their mean.
         """
         if JITTER in self.effects and self.noise[KICK] > config.SPREAD * mean_delay(self.values):
             return -math.inf
+        return self.log_evidence - self.price
+
+    @property
+    def log_evidence(self) -> float:
+        """The log evidence of the set, up to a constant [nats].
+
+        Spinning friction is maximised instead of integrated over, like the noise sizes, because its posterior
+        has no width at zero.
+        """
         spin = self.names.index(SPIN)
         width = float(self.top.deviations[spin] / self.top.values[spin]) / _width_before()
-        return self.top.log_evidence - self.price - math.log(width)
+        return self.top.log_evidence - math.log(width)
 
     @property
     def values(self) -> dict[str, float]:

@@ -100,29 +100,24 @@ class HeldOut:
         return np.array(found)
 
     @functools.cached_property
-    def likelihoods(self) -> Array:
-        """Log-likelihood of each recording by the filter with values fitted to the others [nats]."""
-        return self._likelihoods(self.fits)
+    def predictive(self) -> Array:
+        """Log predictive density of each recording given the others [nats]; not of values from free runs.
+
+        It is the evidence of all recordings over that of the others, so it integrates over the values: where
+        these differ by their standard errors, impacts differ, and likelihoods fall by hundreds of nats.
+        """
+        return self.whole.log_evidence - np.array([each.log_evidence for each in self.fits])
 
     @functools.cached_property
     def fitted(self) -> Array:
-        """The same with values fitted to all recordings [nats]."""
-        return self._likelihoods([self.whole])
-
-    def _likelihoods(self, fits: Sequence[Scored]) -> Array:
-        """Return the log-likelihood of each held-out recording by its own fit, or by the only one [nats]."""
+        """Log-likelihood of each recording by the filter with values fitted to all [nats]."""
         if not self.fits:
             return np.zeros(0)
-        one = self.whole
-        tops = [each.top for each in fits]
-        values, noise = (np.array([getattr(top, what) for top in tops]) for what in ("values", "noise"))
-        begun = start_unknown(one.dataset, noise, [top.states for top in tops])
-        found = Scores.of(one).problem(one.effects).filter(values, *begun)
-        if len(found) == 1:
-            found *= len(self.fits)
-        folds = np.unique(one.dataset.folds)
-        parts = zip(folds, found, strict=True)
-        return np.array([each.log_likelihood[one.dataset.run_folds == fold].sum() for fold, each in parts])
+        one, top = self.whole, self.whole.top
+        begun = start_unknown(one.dataset, top.noise[np.newaxis], [top.states])
+        (found,) = Scores.of(one).problem(one.effects).filter(top.values[np.newaxis], *begun)
+        folds, run_folds = np.unique(one.dataset.folds), one.dataset.run_folds
+        return np.array([found.log_likelihood[run_folds == fold].sum() for fold in folds])
 
     @functools.cached_property
     def mae(self) -> float:
@@ -217,13 +212,13 @@ class Validation:
         return bool((self.likelihood_gains(one, than) > config.SURE).all())
 
     def likelihood_gains(self, one: Scored, than: Scored) -> Array:
-        """Return the gain in log-likelihood of each held-out recording over another set, (r,) [nats].
+        """Return the gain in log predictive density of each held-out recording over another set, (r,) [nats].
 
         A recording that is held out does not speak more clearly for a set than one that is fitted: what it
         gains beyond that, the other set lost because it was refitted to another of its maxima.
         """
         here, other = (self.of(each.filtered or each) for each in (one, than))
-        return np.minimum(here.likelihoods - other.likelihoods, here.fitted - other.fitted)
+        return np.minimum(here.predictive - other.predictive, here.fitted - other.fitted)
 
     def difference(self, one: Scored, other: Scored) -> float:
         """Return the root mean square difference of two sets' predictions [board edges].

@@ -123,9 +123,12 @@ def test_a_size_that_may_as_well_be_none_is_not_named(name, ends, may_be):
     assert intervals.is_named(effect(name), found) is not may_be
 
 
-@pytest.mark.parametrize(("increase", "named"), [(0.05, False), (0.6, True)])
-def test_a_rebound_must_be_larger_than_what_engines_differ_by(increase, named):
-    found = {"wall_restitution.increase": Parameter(increase, 0.9 * increase, 1.1 * increase)}
+@pytest.mark.parametrize(
+    ("low", "high", "named"),
+    [(0.045, 0.055, False), (0.54, 0.66, True), (0.1, 0.9, False), (-0.6, -0.5, True)],
+)
+def test_a_rebound_is_certainly_larger_than_what_engines_differ_by(low, high, named):
+    found = {"wall_restitution.increase": Parameter(0.5 * (low + high), low, high)}
     assert intervals.is_distinct(effect("wall_restitution"), found)
     assert intervals.is_named(effect("wall_restitution"), found) is named
 

@@ -98,6 +98,19 @@ def test_likelihoods_alone_count_unless_errors_refuse_the_effect(plant, monkeypa
     assert bool(kept.effects) is not refused
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("agreed", [False, True])
+def test_delays_only_seem_random_if_windows_agree_that_their_mean_predicts_better(plant, monkeypatch, agreed):
+    dataset = plant([DELAY, {"name": "delay_jitter", "sd_s": 0.08}], runs=4, rows=100, stamped=True)
+    selection = Selection(Scores(dataset), ("delay", "delay_jitter"), lambda _: None)
+    relevance = Relevance(selection, selection.run())
+    assert relevance.posterior.best.effects == ("delay_jitter",)
+    monkeypatch.setattr(Relevance, "loss", lambda *_: -dataset.noise)
+    monkeypatch.setattr(Validation, "windows_agree", lambda *_: agreed)
+    kept, _ = relevance.kept(relevance.posterior.best)
+    assert ("delay_jitter" in kept.effects) is not agreed
+
+
 class ChosenAgain(Validation):
     """A validation in which a set with an effect gains enough without `folds` of the recordings only."""
 
