@@ -17,7 +17,6 @@ from irt.diagnosis.selection import Selection
 from irt.diagnosis.sets import Posterior
 from irt.diagnosis.ties import Tie, exchanged
 from irt.diagnosis.validation import Validation
-from irt.fitting.effect_size import sizes_of
 from irt.fitting.problem import in_unit_of
 from irt.model import Parameter
 
@@ -260,7 +259,7 @@ class Relevance:
         """Return a superfluous effect of a set, and whether it matters; None if there is none."""
         if not one.effects:
             return None
-        if INERTIA in one.effects and _is_neutral(one, INERTIA):
+        if INERTIA in one.effects and _turns_slowly(one):
             return INERTIA, False
         found, _ = self.parameters(one)
         losses = {name: self.loss(one, name) for name in one.effects if name != INERTIA}
@@ -276,7 +275,7 @@ class Relevance:
         return None
 
 
-def _is_neutral(one: Scored, name: str) -> bool:
-    """Whether an effect of a set was fitted at its neutral value."""
-    values = one.fitted.value_of(name)
-    return all(values[size.name] == size.neutral for size in sizes_of(name))
+def _turns_slowly(one: Scored) -> bool:
+    """Whether the board was fitted to turn more slowly than the catalogue's range, and throws no marble."""
+    (rate,) = in_unit_of(one.dataset.rig, effect(INERTIA)).required
+    return one.fitted.value_of(INERTIA)[rate.name] < rate.low

@@ -7,6 +7,7 @@ import pytest
 
 from irt.catalogue import effect
 from irt.diagnosis import config, intervals
+from irt.diagnosis.hypotheses import INERTIA
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.score import Scores
 from irt.diagnosis.selection import Selection
@@ -96,6 +97,20 @@ def test_likelihoods_alone_count_unless_errors_refuse_the_effect(plant, monkeypa
     monkeypatch.setattr(Validation, "is_better", lambda *_: refused)
     kept, _ = relevance.kept(relevance.posterior.best)
     assert bool(kept.effects) is not refused
+
+
+@pytest.mark.parametrize(("rate", "is_kept"), [(0.0, False), (1.0, False), (20.0, True)])
+def test_a_board_that_hardly_turns_throws_no_marble(plant, rate, is_kept):
+    scores = Scores(plant(runs=2, rows=40, stamped=True))
+    base = scores.base()
+    values = scores.from_where(scores.problem((INERTIA,)), base)[None]
+    (one,) = scores.ascend((INERTIA,), values, base.noise[None], base.top.states, iterations=1)
+    values = one.top.values.copy()
+    values[one.names.index(f"{INERTIA}.rate_per_s")] = rate
+    selection = Selection(scores, (INERTIA,), lambda _: None)
+    relevance = Relevance(selection, selection.run())
+    kept, _ = relevance.kept(replace(one, top=replace(one.top, values=values)))
+    assert (INERTIA in kept.effects) is is_kept
 
 
 @pytest.mark.slow
