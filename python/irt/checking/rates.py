@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_banded
 
 from irt.checking.responses import CERTAIN, SURE, delays_to_try, likelier_by, marble_signals
 from irt.checking.result import Finding
@@ -85,12 +86,12 @@ def rate_findings(
 
 def _lagged(knobs: Array, lag: float) -> Array:
     """Return commands (n, 2) after a first-order lag [rows]."""
-    from scipy.signal import lfilter  # noqa: PLC0415
-
+    # As scipy.signal.lfilter, whose import takes half a second.
     if lag == 0.0:
         return knobs
     decay = float(np.exp(-1.0 / lag))
-    return np.asarray(lfilter([1.0 - decay], [1.0, -decay], knobs - knobs[0], axis=0) + knobs[0], dtype=float)
+    bands = np.outer([1.0, -decay], np.ones(len(knobs)))
+    return np.asarray(solve_banded((1, 0), bands, (1.0 - decay) * (knobs - knobs[0])) + knobs[0])
 
 
 def _tilts(
@@ -107,9 +108,10 @@ def _accelerations(
     rig: Rig, cleaned: Sequence[tuple[Array, Array | None]], rim: Sequence[Mask], step: float | None
 ) -> Iterator[tuple[Array, Array]]:
     """Yield commands and accelerations [edges a row^2] by local polynomials; NaN at the rim and in gaps."""
-    from scipy.signal import savgol_filter  # noqa: PLC0415
-
     width = _SMOOTH_ROWS if step is None else max(_LEAST, round(_SMOOTH_S / step) // 2 * 2 + 1)
+    powers = np.vander(np.arange(width) - width // 2, _ORDER + 1, increasing=True).astype(float)
+    # Of the least squares polynomial (Savitzky and Golay), twice its quadratic coefficient.
+    second = 2.0 * np.linalg.pinv(powers)[2]
     for run, one in zip(rig.recordings, marble_signals(rig, cleaned, rim), strict=True):
         if not run.has_marble or len(one.outputs) < width:
             continue
@@ -119,6 +121,6 @@ def _accelerations(
             usable = np.isfinite(places) if one.used is None else np.isfinite(places) & one.used[:, axis]
             # A polynomial is of rows all of which are usable.
             whole = np.convolve(usable, np.ones(width), mode="same") > width - 0.5
-            smooth = savgol_filter(np.nan_to_num(places), width, _ORDER, deriv=2)
+            smooth = np.convolve(np.nan_to_num(places), second[::-1], mode="same")
             found[whole, axis] = smooth[whole]
         yield one.inputs, found
