@@ -42,7 +42,7 @@ class Selection:
     names: Sequence[str]
     report: Report
     validation: Validation = field(default_factory=Validation)
-    _without: dict[tuple[frozenset[str], str, float], Scored] = field(default_factory=dict)
+    _without: set[tuple[frozenset[str], str, float]] = field(default_factory=set)
     #: Sets that were fitted from least squares, and fits from which thorough ones began.
     _from_free_runs: set[frozenset[str]] = field(default_factory=set)
     _thorough: set[Scored] = field(default_factory=set)
@@ -362,17 +362,16 @@ class Selection:
 
         Delay jitter is replaced by its mean effect.
         """
-        key = (frozenset(one.effects), name, one.score)
-        if key in self._without:
-            return self._without[key]
         rest = tuple(other for other in one.effects if other != name)
         if name == JITTER:
             rest = (*rest, *ON_AVERAGE)
         if not rest:
             return self.scores.base()
-        self._refitted(one, rest)
-        self._without[key] = self.scores.known[frozenset(rest)]
-        return self._without[key]
+        key = (frozenset(one.effects), name, one.score)
+        if key not in self._without:
+            self._without.add(key)
+            self._refitted(one, rest)
+        return self.scores.known[frozenset(rest)]
 
     def _refitted(self, one: Scored, rest: tuple[str, ...]) -> list[Scored]:
         """Fit some of the effects of a set, from the values of the set and with small and larger pushes."""
@@ -393,12 +392,15 @@ class Selection:
         return replace(less, top=replace(less.top, values=values, states=one.top.states))
 
     def _pruned(self, one: Scored) -> Scored:
-        """Drop effects that gain nothing in addition to the others."""
-        for name in one.effects:
-            less = self.without(one, name)
-            if not self._is_worth(one, less):
-                return self._pruned(less)
-        return one
+        """Drop effects that gain nothing in addition to the others, the least important first.
+
+        The set without an effect is searched as thoroughly as the set: at a poor maximum of it, an effect may
+        gain what only the values of the others were wrong by.
+        """
+        smaller = [self.without(one, name) for name in one.effects]
+        smaller = [self._settled(each) if each.score > one.score - config.NEAR else each for each in smaller]
+        less = max(smaller, key=lambda each: each.score, default=one)
+        return one if less is one or self._is_worth(one, less) else self._pruned(less)
 
     def _swapped(self, one: Scored) -> Scored | None:
         """Return a better set with one effect replaced, if there is one.

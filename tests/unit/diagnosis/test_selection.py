@@ -265,3 +265,20 @@ def test_a_restart_leads_from_wrong_values_to_those_planted(plant):
     found = Selection(scores, hypotheses(), quiet)._restarted(wrong)
     assert found.values[f"{name}.step_rad"] == pytest.approx(0.018, rel=0.02)
     assert Selection(scores, hypotheses(), quiet)._restarted(found) is None
+
+
+def test_an_effect_is_not_kept_for_a_poor_fit_without_it(plant, monkeypatch):
+    """A lag gains 30 nats beside a delay that is fitted far from its value, and nothing else."""
+    scores = Scores(plant([DELAY], runs=2, rows=40, stamped=True))
+
+    def fit(effects, source, values, iterations):
+        problem = scores.problem(effects)
+        start = {**dict(zip(problem.names, scores.from_where(problem, source), strict=True)), **values}
+        begin = np.array([start[name] for name in problem.names])[None]
+        return scores.ascend(effects, begin, source.noise[None], source.top.states, iterations=iterations)
+
+    (one,) = fit(("delay", "lag"), scores.base(), {"delay.delay_s": 0.1, "lag.time_constant_s": 0.05}, 40)
+    monkeypatch.setattr(Selection, "_refitted", lambda _, of, rest: fit(rest, of, {"delay.delay_s": 0.05}, 1))
+    selection = Selection(scores, ["delay", "lag"], quiet)
+    assert one.score > selection.without(one, "lag").score + config.SURE
+    assert selection._pruned(one).effects == ("delay",)
