@@ -42,6 +42,7 @@ class Selection:
     names: Sequence[str]
     report: Report
     validation: Validation = field(default_factory=Validation)
+    #: Sets, effects that they were refitted without, and scores of the sets.
     _without: set[tuple[frozenset[str], str, float]] = field(default_factory=set)
     #: Sets that were fitted from least squares, and fits from which thorough ones began.
     _from_free_runs: set[frozenset[str]] = field(default_factory=set)
